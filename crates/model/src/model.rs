@@ -1,0 +1,212 @@
+//! The immutable model: a tree of bodies with names, inertias and joints.
+
+use crate::{Joint, JointKind, Placement};
+use phipsi_spatial::{Quaternion, Real, RigidInertia, Sym3, Vec3};
+use phipsi_topology::Tree;
+use std::collections::HashMap;
+use std::fmt;
+
+/// Mass properties as the user gave them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inertia {
+    /// Mass, kg.
+    pub mass: f64,
+    /// Pose of the inertial frame in the body frame; its origin is the centre of mass.
+    pub frame: Placement,
+    /// Moments about the centre of mass in the inertial frame: xx, xy, xz, yy, yz, zz, kg·m².
+    pub tensor: [f64; 6],
+}
+
+impl Inertia {
+    /// No mass.
+    pub const ZERO: Inertia = Inertia { mass: 0.0, frame: Placement::IDENTITY, tensor: [0.0; 6] };
+
+    /// Mass, centre of mass (m) and principal moments (kg·m²) along the body's axes.
+    pub fn from_principal(mass: f64, center: [f64; 3], moments: [f64; 3]) -> Self {
+        let frame = Placement { translation: center, ..Placement::IDENTITY };
+        Inertia { mass, frame, tensor: [moments[0], 0.0, 0.0, moments[1], 0.0, moments[2]] }
+    }
+    /// The spatial inertia about the body frame's origin, in body axes.
+    pub fn to_rigid<T: Real>(&self) -> RigidInertia<T> {
+        let [xx, xy, xz, yy, yz, zz] = self.tensor.map(T::splat);
+        let rotation = Quaternion(self.frame.rotation.map(T::splat)).to_rotation();
+        let about_center = Sym3 { xx, xy, xz, yy, yz, zz }.rotate(&rotation);
+        RigidInertia::from_center_of_mass(
+            T::splat(self.mass),
+            Vec3::splat(self.frame.translation),
+            about_center,
+        )
+    }
+    /// True if mass and moments are exactly zero.
+    pub fn is_zero(&self) -> bool {
+        self.mass == 0.0 && self.tensor == [0.0; 6]
+    }
+}
+
+/// A rigid body.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Body {
+    /// The user's name.
+    pub name: String,
+    /// Its mass properties.
+    pub inertia: Inertia,
+}
+
+impl Body {
+    /// A named body.
+    pub fn new(name: impl Into<String>, inertia: Inertia) -> Self {
+        Body { name: name.into(), inertia }
+    }
+}
+
+/// A gear or URDF `mimic`: q(joint) = multiplier · q(source) + offset, a closure between two joints.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Coupling {
+    /// The following joint.
+    pub joint: String,
+    /// The joint it follows.
+    pub source: String,
+    /// Ratio.
+    pub multiplier: f64,
+    /// Offset, rad or m.
+    pub offset: f64,
+}
+
+/// A name that the model does not have.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NameError {
+    /// What was looked for: "body" or "joint".
+    pub what: &'static str,
+    /// The unknown name.
+    pub name: String,
+    /// The names there are (the first twenty).
+    pub known: Vec<String>,
+}
+
+impl fmt::Display for NameError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "no {} is called `{}`; there are: {}", self.what, self.name, self.known.join(", "))
+    }
+}
+
+impl std::error::Error for NameError {}
+
+/// A multibody model: what the mechanism is. Made by [`crate::ModelBuilder`]; immutable.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Model {
+    pub(crate) name: String,
+    pub(crate) bodies: Vec<Body>,
+    pub(crate) joints: Vec<Joint>,
+    pub(crate) tree: Tree,
+    pub(crate) q_offsets: Vec<usize>,
+    pub(crate) v_offsets: Vec<usize>,
+    pub(crate) gravity: [f64; 3],
+    pub(crate) couplings: Vec<Coupling>,
+    pub(crate) body_index: HashMap<String, usize>,
+    pub(crate) joint_index: HashMap<String, usize>,
+}
+
+impl Model {
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+    /// Number of bodies, the world not counted, fused ones included.
+    pub fn len(&self) -> usize {
+        self.bodies.len()
+    }
+    /// True if there is no body.
+    pub fn is_empty(&self) -> bool {
+        self.bodies.is_empty()
+    }
+    /// Number of position coordinates.
+    pub fn nq(&self) -> usize {
+        *self.q_offsets.last().expect("offsets have one entry more than bodies")
+    }
+    /// Number of degrees of freedom.
+    pub fn nv(&self) -> usize {
+        *self.v_offsets.last().expect("offsets have one entry more than bodies")
+    }
+    /// Bodies, parents before children.
+    pub fn bodies(&self) -> &[Body] {
+        &self.bodies
+    }
+    /// Joints; joint k carries body k.
+    pub fn joints(&self) -> &[Joint] {
+        &self.joints
+    }
+    /// The tree of bodies; roots hang on the world.
+    pub fn tree(&self) -> &Tree {
+        &self.tree
+    }
+    /// Gravity, m/s², world axes.
+    pub fn gravity(&self) -> [f64; 3] {
+        self.gravity
+    }
+    /// The same model under another gravity.
+    pub fn with_gravity(mut self, gravity: [f64; 3]) -> Self {
+        self.gravity = gravity;
+        self
+    }
+    /// Couplings between joints (`mimic`).
+    pub fn couplings(&self) -> &[Coupling] {
+        &self.couplings
+    }
+    /// First position coordinate of joint k.
+    pub fn q_offset(&self, k: usize) -> usize {
+        self.q_offsets[k]
+    }
+    /// First degree of freedom of joint k.
+    pub fn v_offset(&self, k: usize) -> usize {
+        self.v_offsets[k]
+    }
+    /// Position coordinates of joint k.
+    pub fn q_range(&self, k: usize) -> std::ops::Range<usize> {
+        self.q_offsets[k]..self.q_offsets[k + 1]
+    }
+    /// Degrees of freedom of joint k.
+    pub fn v_range(&self, k: usize) -> std::ops::Range<usize> {
+        self.v_offsets[k]..self.v_offsets[k + 1]
+    }
+    /// Indices of the joints that move, in the order of v.
+    pub fn moving_joints(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..self.len()).filter(|&k| self.joints[k].kind != JointKind::Fixed)
+    }
+    /// Index of a body by name; `None` for `world`, the inertial frame.
+    ///
+    /// # Errors
+    /// [`NameError`] with the names there are.
+    pub fn find_body(&self, name: &str) -> Result<Option<usize>, NameError> {
+        if let Some(&k) = self.body_index.get(name) {
+            return Ok(Some(k));
+        }
+        if name == "world" {
+            return Ok(None);
+        }
+        let known = self.bodies.iter().take(20).map(|b| b.name.clone()).collect();
+        Err(NameError { what: "body", name: name.into(), known })
+    }
+    /// Index of a joint by name.
+    ///
+    /// # Errors
+    /// [`NameError`] with the names there are.
+    pub fn find_joint(&self, name: &str) -> Result<usize, NameError> {
+        self.joint_index.get(name).copied().ok_or_else(|| {
+            let known = self.moving_joints().take(20).map(|k| self.joints[k].name.clone()).collect();
+            NameError { what: "joint", name: name.into(), known }
+        })
+    }
+    /// Total mass, kg.
+    pub fn total_mass(&self) -> f64 {
+        self.bodies.iter().map(|b| b.inertia.mass).sum()
+    }
+    /// The joint and component that a degree of freedom belongs to.
+    pub fn joint_of_velocity(&self, i: usize) -> (usize, usize) {
+        let k = self.v_offsets.partition_point(|&o| o <= i) - 1;
+        (k, i - self.v_offsets[k])
+    }
+    /// Why its dynamics cannot run yet, if it has closures.
+    pub fn refused_closure(&self) -> Option<&Coupling> {
+        self.couplings.first()
+    }
+}

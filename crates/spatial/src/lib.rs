@@ -1,0 +1,24 @@
+//! Six-vectors, rigid transforms, inertias and the scalar trait of the spatial operator algebra.
+//!
+//! Conventions: six-vectors are angular first. A [`Motion`] is (ω, v), a [`Wrench`] is (n, f), both of the body-frame
+//! origin and in body axes unless a name says otherwise. A [`Transform`] is the pose of a child frame in its
+//! parent's frame, so that it plays φ(p, k) on wrenches and φ*(p, k) on motions (papers: the rigid shift operators).
+//!
+//! The three-vectors and matrices here are ours because lanes of a SIMD register must stay inlined through them;
+//! nalgebra serves everything dense above.
+
+pub mod double_double;
+pub mod inertia;
+pub mod quaternion;
+pub mod scalar;
+pub mod six;
+pub mod transform;
+pub mod vector;
+
+pub use double_double::Dd;
+pub use inertia::{ArticulatedInertia, RigidInertia};
+pub use quaternion::Quaternion;
+pub use scalar::{Real, Scalar};
+pub use six::{Motion, Wrench};
+pub use transform::Transform;
+pub use vector::{Mat3, Sym3, Vec3};

@@ -1,0 +1,125 @@
+//! The numbers that kernels compute with.
+//!
+//! [`Scalar`] is what a sweep needs: ring operations, division, square root, sine and cosine, and constants of the
+//! model broadcast from [`Scalar::Constant`]. Lanes of a SIMD register and dual numbers can be scalars; they have
+//! no order. [`Real`] adds what code with branches needs: comparison and inverse trigonometry.
+
+use core::fmt::Debug;
+use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
+use num_traits::{One, Zero};
+
+/// A number that the sweeps compute with.
+pub trait Scalar:
+    'static
+    + Copy
+    + PartialEq
+    + Debug
+    + Send
+    + Sync
+    + Zero
+    + One
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + AddAssign
+    + SubAssign
+    + MulAssign
+    + DivAssign
+{
+    /// The number type in which constants of the model (masses, lengths) are kept for this scalar.
+    type Constant: Real;
+    /// States carried at once: 1 for plain numbers.
+    const LANES: usize;
+    /// The same f64 in every lane, exactly.
+    fn splat(x: f64) -> Self;
+    /// A constant of the model, in every lane.
+    fn constant(x: Self::Constant) -> Self;
+    /// `self * a + b`, fused only where that is fast.
+    fn fma(self, a: Self, b: Self) -> Self;
+    /// 1 / x.
+    fn recip(self) -> Self;
+    /// Square root.
+    fn sqrt(self) -> Self;
+    /// Sine and cosine.
+    fn sin_cos(self) -> (Self, Self);
+    /// True if every lane is finite and greater than zero: the test of a pivot.
+    fn is_positive(self) -> bool;
+    /// The smallest lane, rounded to f64: what an error message prints.
+    fn min_lane(self) -> f64;
+}
+
+/// An ordered real scalar.
+pub trait Real: Scalar<Constant = Self> + PartialOrd {
+    /// Unit roundoff times two: the distance from 1 to the next number.
+    const EPSILON: f64;
+    /// Nearest f64.
+    fn to_f64(self) -> f64;
+    /// |x|.
+    fn abs(self) -> Self {
+        if self < Self::zero() { -self } else { self }
+    }
+    /// The angle of the point (x, y) with y = `self`.
+    fn atan2(self, x: Self) -> Self;
+    /// True for finite numbers.
+    fn is_finite(self) -> bool {
+        self.to_f64().is_finite()
+    }
+    /// The larger one.
+    fn larger(self, other: Self) -> Self {
+        if self > other { self } else { other }
+    }
+}
+
+macro_rules! float_scalar {
+    ($t:ty) => {
+        impl Scalar for $t {
+            type Constant = $t;
+            const LANES: usize = 1;
+            #[inline(always)]
+            fn splat(x: f64) -> Self {
+                x as $t
+            }
+            #[inline(always)]
+            fn constant(x: $t) -> Self {
+                x
+            }
+            // `mul_add` without the processor's instruction is a library call; see the crate's SIMD levels.
+            #[inline(always)]
+            fn fma(self, a: Self, b: Self) -> Self {
+                self * a + b
+            }
+            #[inline(always)]
+            fn recip(self) -> Self {
+                1.0 / self
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                <$t>::sqrt(self)
+            }
+            #[inline(always)]
+            fn sin_cos(self) -> (Self, Self) {
+                <$t>::sin_cos(self)
+            }
+            #[inline(always)]
+            fn is_positive(self) -> bool {
+                self > 0.0 && self < <$t>::INFINITY
+            }
+            fn min_lane(self) -> f64 {
+                self as f64
+            }
+        }
+        impl Real for $t {
+            const EPSILON: f64 = <$t>::EPSILON as f64;
+            fn to_f64(self) -> f64 {
+                self as f64
+            }
+            fn atan2(self, x: Self) -> Self {
+                <$t>::atan2(self, x)
+            }
+        }
+    };
+}
+float_scalar!(f64);
+float_scalar!(f32);
