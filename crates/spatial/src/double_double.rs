@@ -18,7 +18,7 @@ pub struct Dd {
 }
 
 /// π/2 in three parts, the first two exact to their last bit.
-const HALF_PI: [f64; 3] = [1.570_796_326_794_896_6, 6.123_233_995_736_766e-17, -1.497_384_904_859_17e-33];
+const HALF_PI: [f64; 3] = [std::f64::consts::FRAC_PI_2, 6.123_233_995_736_766e-17, -1.497_384_904_859_17e-33];
 
 fn two_sum(a: f64, b: f64) -> Dd {
     let s = a + b;
