@@ -1,1 +1,56 @@
-//! x
+//! O(n) recursions of multibody dynamics on trees, one file per algorithm.
+//!
+//! A [`Layout`] compiles a model: fixed joints fused, joint axes turned onto coordinate axes. It is invisible in results:
+//! poses, velocities and wrenches are in the user's frames. Each algorithm owns a workspace, made once from a layout;
+//! its method then runs without allocation. The functions of the same name allocate and suit single calls.
+//!
+//! Everything is generic over the scalar; constants of the layout are kept in [`phipsi_spatial::Scalar::Constant`].
+//!
+//! ```
+//! use phipsi_model::{Body, Inertia, Joint, JointKind, ModelBuilder};
+//! use phipsi_recursion::{Layout, forward_dynamics};
+//! let rod = Inertia::from_principal(1.0, [0.5, 0.0, 0.0], [0.0, 1.0 / 12.0, 1.0 / 12.0]);
+//! let model = ModelBuilder::new("pendulum")
+//!     .body(Body::new("rod", rod))
+//!     .joint(Joint::new("hinge", JointKind::Revolute { axis: [0.0, 1.0, 0.0] }), "world", "rod")
+//!     .gravity([0.0, 0.0, -9.81])
+//!     .build()?;
+//! let layout = Layout::<f64>::new(&model);
+//! let acceleration = forward_dynamics(&layout, &[0.0], &[0.0], &[0.0], None)?;
+//! assert!((acceleration[0] - 1.5 * 9.81).abs() < 1e-14); // a rod falling from the horizontal
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+// Kernels carry the papers' symbols: P, D, G, H, M.
+#![allow(non_snake_case)]
+
+pub mod articulated_sweep;
+pub mod energy;
+pub mod error;
+pub mod forward_dynamics;
+pub mod hinge;
+pub mod hinge_check;
+pub mod inverse_dynamics;
+pub mod jacobian;
+pub mod joint_reactions;
+pub mod kinematics;
+pub mod layout;
+pub mod mass_matrix;
+pub mod mass_matrix_inverse;
+pub mod momentum;
+
+pub use articulated_sweep::ArticulatedSweep;
+pub use energy::{center_of_mass, kinetic_energy, potential_energy};
+pub use error::DynamicsError;
+pub use forward_dynamics::{ForwardDynamics, ForwardInfo, WorstHinge, forward_dynamics, forward_info};
+pub use hinge_check::singular_hinges;
+pub use inverse_dynamics::{
+    InverseDynamics, bias_forces, gravity_forces, inverse_dynamics, multiply_by_mass_matrix,
+};
+pub use jacobian::jacobian;
+pub use joint_reactions::joint_reactions;
+pub use kinematics::{Kinematics, body_pose, body_velocity};
+pub use layout::Layout;
+pub use mass_matrix::mass_matrix;
+pub use mass_matrix_inverse::{mass_matrix_inverse, solve_mass_matrix};
+pub use momentum::{About, centroidal_momentum_matrix, momentum};

@@ -1,0 +1,69 @@
+//! What can go wrong in a recursion.
+
+use std::fmt;
+
+/// Why a recursion gave no result.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum DynamicsError {
+    /// An argument of the wrong length.
+    Shape {
+        /// The argument's name.
+        argument: &'static str,
+        /// Required length.
+        expected: usize,
+        /// Found length.
+        found: usize,
+    },
+    /// An articulated joint inertia D that is not positive.
+    SingularHinge {
+        /// The joint's name.
+        joint: String,
+        /// Which of its degrees of freedom.
+        component: usize,
+        /// The value of D.
+        inertia: f64,
+    },
+    /// The model has a closure that these recursions do not close.
+    Closure {
+        /// The joint with the closure.
+        joint: String,
+        /// The joint it follows.
+        source: String,
+    },
+}
+
+impl fmt::Display for DynamicsError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            DynamicsError::Shape { argument, expected, found } => {
+                write!(f, "`{argument}` has length {found}, but length {expected} is required")
+            }
+            DynamicsError::SingularHinge { joint, component, inertia } => write!(
+                f,
+                "joint `{joint}`, degree of freedom {component}: articulated inertia {inertia:e} is not positive; \
+                 give the bodies outboard of it mass away from its axis, or make it fixed"
+            ),
+            DynamicsError::Closure { joint, source } => write!(
+                f,
+                "joint `{joint}` mimics joint `{source}`: a closure, which tree dynamics does not close; \
+                 load the model with mimic = \"free\" to let the joint move freely"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for DynamicsError {}
+
+/// Refuses a slice of the wrong length.
+pub(crate) fn check_length<T>(
+    argument: &'static str,
+    slice: &[T],
+    expected: usize,
+) -> Result<(), DynamicsError> {
+    if slice.len() == expected {
+        Ok(())
+    } else {
+        Err(DynamicsError::Shape { argument, expected, found: slice.len() })
+    }
+}

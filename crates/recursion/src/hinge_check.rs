@@ -1,0 +1,66 @@
+//! Which hinges have no articulated inertia: a check made once per model, before anything runs.
+
+use crate::layout::{GROUND, Layout};
+use crate::mass_matrix::composite_inertias;
+use phipsi_model::{Model, Subject, Violation};
+use phipsi_spatial::RigidInertia;
+
+/// D below this part of the inertia it was formed from is rounding: 4 ε.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
+
+/// Joints whose articulated inertia is zero at generic configurations: massless chains, or mass on the joint's axis only.
+///
+/// # Method
+/// The articulated sweep at three random states; a pivot is singular if it is below 4 ε times the scale of its own
+/// joint: the trace of the composite inertia about the hinge, or the composite mass. A singular hinge is treated as locked, so that the
+/// next ones inboard are judged too. Cost O(n).
+pub fn singular_hinges(model: &Model) -> Vec<Violation> {
+    let layout = Layout::<f64>::new(model);
+    let mut singular: Option<Vec<bool>> = None;
+    for seed in 0..3 {
+        let now = singular_at(&layout, &model.random_state(seed).q);
+        singular = Some(match singular {
+            None => now,
+            Some(before) => before.iter().zip(&now).map(|(a, b)| *a && *b).collect(),
+        });
+    }
+    let mut found = Vec::new();
+    for (i, bad) in singular.unwrap_or_default().iter().enumerate() {
+        if *bad {
+            let (name, component) = layout.joint_of_velocity(i);
+            found.push(Violation::error(
+                Subject::Joint(name.into()),
+                format!("no articulated inertia about degree of freedom {component}"),
+                "inertia outboard of every joint, away from its axis",
+                "give the outboard link mass and inertia, or make the joint fixed",
+            ));
+        }
+    }
+    found
+}
+
+fn singular_at(layout: &Layout<f64>, q: &[f64]) -> Vec<bool> {
+    let (hinge, R) = composite_inertias(layout, q);
+    let mut P: Vec<_> =
+        layout.bodies.iter().map(|b| RigidInertia::<f64>::constant(&b.inertia).to_articulated()).collect();
+    let mut singular = vec![false; layout.nv()];
+    for (k, body) in layout.bodies.iter().enumerate().rev() {
+        let r = &R[k];
+        let rotation_scale = r.inertia.xx + r.inertia.yy + r.inertia.zz;
+        for i in 0..body.hinge.nv() {
+            let scale = if body.hinge.components()[i] < 3 { rotation_scale } else { r.mass };
+            let axis = body.hinge.axis(i);
+            let column = P[k].times(axis);
+            let D = axis.dot(column);
+            if D.is_finite() && D > ROUNDING * scale {
+                P[k].add_outer(column, -1.0 / D);
+            } else {
+                singular[body.v + i] = true;
+            }
+        }
+        if body.parent != GROUND {
+            P[body.parent] = P[body.parent] + hinge[k].articulated_to_parent(&P[k]);
+        }
+    }
+    singular
+}

@@ -1,0 +1,181 @@
+//! Poses, velocities and accelerations of bodies.
+//!
+//! | symbol | meaning | frame, unit | source |
+//! |---|---|---|---|
+//! | X(k) | pose of body k in its parent | | soa.md 3.0 |
+//! | V(k) | φ*(p,k) V(p) + H* v, spatial velocity | body, rad/s and m/s | paper 2 (3.7) |
+//! | A(k) | φ*(p,k) A(p) + H* v̇ + crm(V) H* v, componentwise rate of V in body axes | body | soa.md 3.0 |
+//! | α(k) | inertial derivative of (ω, velocity of the origin) = A + (0, ω × v) | | papers |
+
+use crate::error::{DynamicsError, check_length};
+use crate::layout::{GROUND, Layout};
+use phipsi_spatial::{Motion, Scalar, Transform, Vec3};
+
+/// Poses, velocities and accelerations of all bodies, base to tip.
+#[derive(Clone, Debug)]
+pub struct Kinematics<T> {
+    /// Pose of each layout body in its parent.
+    pub(crate) hinge: Vec<Transform<T>>,
+    /// Pose of each layout body in the world.
+    pub(crate) world: Vec<Transform<T>>,
+    velocity: Vec<Motion<T>>,
+    acceleration: Vec<Motion<T>>,
+}
+
+impl<T: Scalar> Kinematics<T> {
+    /// A workspace for a layout.
+    pub fn new(layout: &Layout<T::Constant>) -> Self {
+        let n = layout.len();
+        Kinematics {
+            hinge: vec![Transform::identity(); n],
+            world: vec![Transform::identity(); n],
+            velocity: vec![Motion::zero(); n],
+            acceleration: vec![Motion::zero(); n],
+        }
+    }
+    /// Computes poses. `q`: nq.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Shape`].
+    pub fn set_position(&mut self, layout: &Layout<T::Constant>, q: &[T]) -> Result<(), DynamicsError> {
+        check_length("q", q, layout.nq())?;
+        for (k, body) in layout.bodies.iter().enumerate() {
+            self.hinge[k] = body.hinge.transform(&body.placement, &q[body.q..]);
+            self.world[k] = if body.parent == GROUND {
+                self.hinge[k]
+            } else {
+                self.world[body.parent].compose(&self.hinge[k])
+            };
+        }
+        Ok(())
+    }
+    /// Computes velocities, at the poses set before. `v`: nv.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Shape`].
+    pub fn set_velocity(&mut self, layout: &Layout<T::Constant>, v: &[T]) -> Result<(), DynamicsError> {
+        check_length("v", v, layout.nv())?;
+        for (k, body) in layout.bodies.iter().enumerate() {
+            let joint = body.hinge.expand(&v[body.v..]);
+            self.velocity[k] = if body.parent == GROUND {
+                joint
+            } else {
+                self.hinge[k].motion_to_child(self.velocity[body.parent]) + joint
+            };
+        }
+        Ok(())
+    }
+    /// Computes accelerations, at the poses and velocities set before; no gravity. `v`, `a`: nv.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Shape`].
+    pub fn set_acceleration(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        v: &[T],
+        a: &[T],
+    ) -> Result<(), DynamicsError> {
+        check_length("v", v, layout.nv())?;
+        check_length("a", a, layout.nv())?;
+        for (k, body) in layout.bodies.iter().enumerate() {
+            let joint = body.hinge.expand(&v[body.v..]);
+            let own = body.hinge.expand(&a[body.v..]) + self.velocity[k].cross_motion(joint);
+            self.acceleration[k] = if body.parent == GROUND {
+                own
+            } else {
+                self.hinge[k].motion_to_child(self.acceleration[body.parent]) + own
+            };
+        }
+        Ok(())
+    }
+    /// World pose of body `body` of the model (`None`: the world).
+    pub fn pose(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Transform<T> {
+        let Some(body) = body else { return Transform::identity() };
+        let carrier = &layout.carriers[body];
+        let local = Transform::constant(&carrier.pose);
+        if carrier.body == GROUND { local } else { self.world[carrier.body].compose(&local) }
+    }
+    /// Velocity of a body of the model, in its own axes at its own origin.
+    pub fn velocity_in_body(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Motion<T> {
+        match body.map(|b| &layout.carriers[b]) {
+            Some(c) if c.body != GROUND => {
+                Transform::constant(&c.pose).motion_to_child(self.velocity[c.body])
+            }
+            _ => Motion::zero(),
+        }
+    }
+    /// (ω, velocity of the origin) of a body of the model, world axes.
+    pub fn velocity(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Motion<T> {
+        let v = self.velocity_in_body(layout, body);
+        let r = self.pose(layout, body).rotation;
+        Motion::new(r * v.angular, r * v.linear)
+    }
+    /// The papers' α of a body of the model, world axes: inertial rates of ω and of the velocity of its origin.
+    pub fn acceleration(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Motion<T> {
+        let Some(c) = body.map(|b| &layout.carriers[b]).filter(|c| c.body != GROUND) else {
+            return Motion::zero();
+        };
+        let x = Transform::constant(&c.pose);
+        let (v, a) = (x.motion_to_child(self.velocity[c.body]), x.motion_to_child(self.acceleration[c.body]));
+        let r = self.pose(layout, body).rotation;
+        Motion::new(r * a.angular, r * spatial_to_inertial(v, a).linear)
+    }
+}
+
+/// The papers' α from the componentwise (Featherstone's spatial) acceleration: (ω̇, v̇ + ω × v).
+#[inline(always)]
+pub fn spatial_to_inertial<T: Scalar>(v: Motion<T>, a: Motion<T>) -> Motion<T> {
+    Motion::new(a.angular, a.linear + v.angular.cross(v.linear))
+}
+
+/// World pose of one body of the model, along its path only. `q`: nq. Cost O(depth), no allocation.
+///
+/// # Errors
+/// [`DynamicsError::Shape`].
+pub fn body_pose<T: Scalar>(
+    layout: &Layout<T::Constant>,
+    q: &[T],
+    body: Option<usize>,
+) -> Result<Transform<T>, DynamicsError> {
+    check_length("q", q, layout.nq())?;
+    let Some(body) = body else { return Ok(Transform::identity()) };
+    let carrier = &layout.carriers[body];
+    let (mut pose, mut k) = (Transform::constant(&carrier.pose), carrier.body);
+    while k != GROUND {
+        let b = &layout.bodies[k];
+        pose = b.hinge.transform(&b.placement, &q[b.q..]).compose(&pose);
+        k = b.parent;
+    }
+    Ok(pose)
+}
+
+/// (ω, velocity of the origin) of one body of the model, world axes. `q`: nq, `v`: nv. Cost O(depth), no allocation.
+///
+/// # Errors
+/// [`DynamicsError::Shape`].
+pub fn body_velocity<T: Scalar>(
+    layout: &Layout<T::Constant>,
+    q: &[T],
+    v: &[T],
+    body: Option<usize>,
+) -> Result<Motion<T>, DynamicsError> {
+    check_length("q", q, layout.nq())?;
+    check_length("v", v, layout.nv())?;
+    let Some(body) = body else { return Ok(Motion::zero()) };
+    let carrier = &layout.carriers[body];
+    // `pose`: the body in the frame of its ancestor k, so that no distance to the world's origin enters.
+    let (mut pose, mut k) = (Transform::constant(&carrier.pose), carrier.body);
+    let mut velocity = Motion::zero();
+    while k != GROUND {
+        let b = &layout.bodies[k];
+        velocity += pose.motion_to_child(b.hinge.expand(&v[b.v..]));
+        pose = b.hinge.transform(&b.placement, &q[b.q..]).compose(&pose);
+        k = b.parent;
+    }
+    Ok(Motion::new(pose.rotation * velocity.angular, pose.rotation * velocity.linear))
+}
+
+/// World point given in a body's frame.
+pub(crate) fn point_in_body<T: Scalar>(point: Option<Vec3<T>>) -> Transform<T> {
+    Transform::new(phipsi_spatial::Mat3::identity(), point.unwrap_or(Vec3::zero()))
+}
