@@ -1,0 +1,253 @@
+//! The equations of motion of a mechanism under its forces, as a [`System`] for the integrators.
+//!
+//! Auxiliary slots, in this order: the work of non-conservative forces (if the plan integrates it), the impulse of external
+//! forces (angular about the centre of mass, linear; world axes), then each force's own.
+
+use crate::force::{Force, ForceError, Loads, Situation};
+use crate::plan::Plan;
+use crate::system::System;
+use phipsi_model::Model;
+use phipsi_recursion::layout::GROUND;
+use phipsi_recursion::{DynamicsError, ForwardDynamics, Kinematics, Layout, center_of_mass};
+use phipsi_spatial::{Vec3, Wrench};
+use std::fmt;
+
+/// Why accelerations could not be computed.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum MotionError {
+    /// A recursion failed.
+    Dynamics(DynamicsError),
+    /// A force failed.
+    Force(ForceError),
+}
+
+impl fmt::Display for MotionError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            MotionError::Dynamics(e) => e.fmt(f),
+            MotionError::Force(e) => e.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for MotionError {}
+
+impl From<DynamicsError> for MotionError {
+    fn from(e: DynamicsError) -> Self {
+        MotionError::Dynamics(e)
+    }
+}
+
+impl From<ForceError> for MotionError {
+    fn from(e: ForceError) -> Self {
+        MotionError::Force(e)
+    }
+}
+
+/// A mechanism with its forces.
+pub struct Dynamics {
+    model: Model,
+    layout: Layout<f64>,
+    forces: Vec<Box<dyn Force>>,
+    plan: Plan,
+    /// First auxiliary slot of each force.
+    slots: Vec<usize>,
+    names: Vec<String>,
+    kinematics: Kinematics<f64>,
+    forward: ForwardDynamics<f64>,
+    tau: Vec<f64>,
+    wrenches: Vec<Wrench<f64>>,
+    moving_mass: f64,
+}
+
+impl Dynamics {
+    /// With the plan that the scene needs.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Closure`] if the model has closures.
+    pub fn new(model: &Model, forces: Vec<Box<dyn Force>>) -> Result<Self, DynamicsError> {
+        let plan = Plan::new(model, &forces);
+        Self::with_plan(model, forces, plan)
+    }
+    /// With a given plan; [`Plan::everything`] is the general code.
+    ///
+    /// # Errors
+    /// As [`Dynamics::new`].
+    pub fn with_plan(model: &Model, forces: Vec<Box<dyn Force>>, plan: Plan) -> Result<Self, DynamicsError> {
+        let layout = Layout::new(model);
+        if let Some(c) = model.refused_closure() {
+            return Err(DynamicsError::Closure { joint: c.joint.clone(), source: c.source.clone() });
+        }
+        let mut names = Vec::new();
+        if plan.work {
+            names.push("work".to_string());
+        }
+        if plan.impulse {
+            names.extend(["x", "y", "z"].map(|a| format!("angular impulse {a}")));
+            names.extend(["x", "y", "z"].map(|a| format!("impulse {a}")));
+        }
+        let mut slots = vec![names.len()];
+        for force in &forces {
+            names.extend(force.auxiliary());
+            slots.push(names.len());
+        }
+        let moving = layout.carriers().iter().filter(|c| c.body != GROUND);
+        Ok(Dynamics {
+            moving_mass: moving.map(|c| c.inertia.mass).sum(),
+            kinematics: Kinematics::new(&layout),
+            forward: ForwardDynamics::new(&layout),
+            tau: vec![0.0; model.nv()],
+            wrenches: vec![Wrench::zero(); model.len()],
+            model: model.clone(),
+            layout,
+            forces,
+            plan,
+            slots,
+            names,
+        })
+    }
+    /// What is computed.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+    /// The compiled model.
+    pub fn layout(&self) -> &Layout<f64> {
+        &self.layout
+    }
+    /// The forces.
+    pub fn forces(&self) -> &[Box<dyn Force>] {
+        &self.forces
+    }
+    /// Names of the auxiliary slots.
+    pub fn auxiliary_names(&self) -> &[String] {
+        &self.names
+    }
+    /// The integrated work, if the plan has it.
+    pub fn work(&self, auxiliary: &[f64]) -> f64 {
+        if self.plan.work { auxiliary[0] } else { 0.0 }
+    }
+    /// The integrated impulse of external forces, if the plan has it.
+    pub fn impulse(&self, auxiliary: &[f64]) -> Wrench<f64> {
+        if self.plan.impulse {
+            let first = usize::from(self.plan.work);
+            Wrench::from_array(std::array::from_fn(|i| auxiliary[first + i]))
+        } else {
+            Wrench::zero()
+        }
+    }
+    /// Times at which a force is not smooth, sorted, without repetition.
+    pub fn breaks(&self) -> Vec<f64> {
+        let mut breaks: Vec<f64> = self.forces.iter().flat_map(|f| f.breaks()).collect();
+        breaks.sort_by(f64::total_cmp);
+        breaks.dedup();
+        breaks
+    }
+    /// Potential energies of the conservative forces at a state.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Shape`].
+    pub fn potentials(&mut self, t: f64, q: &[f64], v: &[f64]) -> Result<Vec<f64>, DynamicsError> {
+        self.place(q, v)?;
+        let (model, layout, kinematics) = (&self.model, &self.layout, Some(&self.kinematics));
+        let at = Situation { model, layout, t, q, v, kinematics };
+        Ok(self.forces.iter().filter(|f| f.needs().conservative).map(|f| f.potential(&at)).collect())
+    }
+
+    fn place(&mut self, q: &[f64], v: &[f64]) -> Result<(), DynamicsError> {
+        self.kinematics.set_position(&self.layout, q)?;
+        self.kinematics.set_velocity(&self.layout, v)
+    }
+
+    /// Adds the loads of the forces that are conservative or not, as asked.
+    fn add_forces(
+        &mut self,
+        conservative: bool,
+        (t, q, v): (f64, &[f64], &[f64]),
+        aux: &[f64],
+        aux_dot: &mut [f64],
+    ) -> Result<(), ForceError> {
+        let kinematics = self.plan.kinematics.then_some(&self.kinematics);
+        let at = Situation { model: &self.model, layout: &self.layout, t, q, v, kinematics };
+        let mut loads = Loads { tau: &mut self.tau, wrenches: &mut self.wrenches };
+        for (i, force) in self.forces.iter_mut().enumerate() {
+            if force.needs().conservative == conservative {
+                let slots = self.slots[i]..self.slots[i + 1];
+                force.add(&at, &aux[slots.clone()], &mut aux_dot[slots], &mut loads)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Power of the loads collected so far.
+    fn power(&self, v: &[f64]) -> f64 {
+        let joints: f64 = self.tau.iter().zip(v).map(|(tau, v)| tau * v).sum();
+        let bodies = |k: usize| self.kinematics.velocity_in_body(&self.layout, Some(k)).dot(self.wrenches[k]);
+        if self.plan.wrenches { joints + (0..self.model.len()).map(bodies).sum::<f64>() } else { joints }
+    }
+
+    /// Rate of momentum by external forces: moment about the centre of mass, force; world axes.
+    fn external(&self, q: &[f64]) -> Result<Wrench<f64>, DynamicsError> {
+        let center = center_of_mass(&self.layout, q)?;
+        let mut total = Wrench::new(Vec3::zero(), Vec3(self.model.gravity()).scale(self.moving_mass));
+        let mut add = |k: usize, wrench: Wrench<f64>| {
+            let pose = self.kinematics.pose(&self.layout, Some(k));
+            let force = pose.rotation * wrench.force;
+            total.moment += pose.rotation * wrench.moment + (pose.translation - center).cross(force);
+            total.force += force;
+        };
+        for k in 0..self.model.len() {
+            if self.plan.wrenches && self.wrenches[k] != Wrench::zero() {
+                add(k, self.wrenches[k]);
+            }
+            if self.model.tree().parent(k).is_none() && self.model.v_range(k).len() == 6 {
+                let first = self.model.v_offset(k);
+                add(k, Wrench::from_array(std::array::from_fn(|i| self.tau[first + i])));
+            }
+        }
+        Ok(total)
+    }
+}
+
+impl System for Dynamics {
+    type Error = MotionError;
+
+    fn model(&self) -> &Model {
+        &self.model
+    }
+
+    fn auxiliary_len(&self) -> usize {
+        self.names.len()
+    }
+
+    fn derivative(
+        &mut self,
+        t: f64,
+        q: &[f64],
+        v: &[f64],
+        aux: &[f64],
+        v_dot: &mut [f64],
+        aux_dot: &mut [f64],
+    ) -> Result<(), MotionError> {
+        self.tau.iter_mut().for_each(|x| *x = 0.0);
+        if self.plan.wrenches {
+            self.wrenches.iter_mut().for_each(|w| *w = Wrench::zero());
+        }
+        if self.plan.kinematics || self.plan.wrenches || self.plan.impulse {
+            self.place(q, v)?;
+        }
+        self.add_forces(false, (t, q, v), aux, aux_dot)?;
+        if self.plan.work {
+            aux_dot[0] = self.power(v);
+        }
+        self.add_forces(true, (t, q, v), aux, aux_dot)?;
+        if self.plan.impulse {
+            let rate = self.external(q)?.to_array();
+            let first = usize::from(self.plan.work);
+            aux_dot[first..first + 6].copy_from_slice(&rate);
+        }
+        let wrenches = self.plan.wrenches.then_some(&self.wrenches[..]);
+        self.forward.run(&self.layout, q, v, &self.tau, wrenches, v_dot)?;
+        Ok(())
+    }
+}

@@ -1,0 +1,207 @@
+//! An estimate of the global error at the end of a run (notes on integrators, section 6).
+//!
+//! | how | difference divided by | used for |
+//! |---|---|---|
+//! | merged steps: every two accepted steps repeated as one, no controller | 2^p − 1 | tolerance ≤ 1e-9 |
+//! | companion run at ten times the tolerance | 9 | looser tolerances |
+//! | companion run at twice the fixed step | 2^p − 1 | fixed steps |
+//!
+//! On 118 runs with known error, the estimate was within a factor 10 in 97 % or more of them; a sum of embedded errors is
+//! 100 to 1e5 times too large and is not used.
+
+use crate::integrate::{IntegrateError, Integrator, Method, Tolerances};
+use crate::system::System;
+
+/// An increment beyond this, or a tenth of the motion, is no estimate: the solution is chaotic or the run too coarse.
+const LOST: f64 = 0.1;
+
+/// The run to be judged.
+#[derive(Clone, Debug)]
+pub struct JudgedRun<'a> {
+    /// Method.
+    pub method: Method,
+    /// Its tolerances.
+    pub tolerances: Tolerances,
+    /// Start: t, q, v, aux.
+    pub start: (f64, &'a [f64], &'a [f64], &'a [f64]),
+    /// Ends of all accepted steps.
+    pub steps: &'a [f64],
+    /// Times at which forces are not smooth.
+    pub breaks: &'a [f64],
+    /// Some instants of the run, the last one its end: t, q, v.
+    pub samples: &'a [(f64, Vec<f64>, Vec<f64>)],
+}
+
+/// The estimate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ErrorEstimate {
+    /// Largest component of the estimated error of q at the end, rad or m; `None` where it has no meaning.
+    pub q: Option<f64>,
+    /// Largest component of the estimated error of v at the end.
+    pub v: Option<f64>,
+    /// Where q and v are `None`: the time up to which the errors were small.
+    pub horizon: Option<f64>,
+    /// How it was obtained.
+    pub how: String,
+    /// Evaluations it took.
+    pub evaluations: u64,
+}
+
+/// Estimates the error of a run at its end.
+///
+/// # Errors
+/// Those of the integrator.
+pub fn estimate_error<S: System>(
+    system: &mut S,
+    run: &JudgedRun<'_>,
+) -> Result<ErrorEstimate, IntegrateError<S::Error>> {
+    let order = run.method.tableau().order as i32;
+    let halving = 2f64.powi(order) - 1.0;
+    match run.method {
+        Method::Rk4 { step } => {
+            let companion = Method::Rk4 { step: 2.0 * step };
+            compare(system, run, companion, run.tolerances, halving, "companion run at twice the step")
+        }
+        _ if run.tolerances.rtol <= 1e-9 && run.tolerances.atol <= 1e-9 => merged(system, run, halving),
+        method => {
+            let Tolerances { rtol, atol, max_step } = run.tolerances;
+            let loose = Tolerances { rtol: 10.0 * rtol, atol: 10.0 * atol, max_step };
+            compare(system, run, method, loose, 9.0, "companion run at ten times the tolerance")
+        }
+    }
+}
+
+/// Repeats the run's steps two at a time; a step before a break or at the end stands alone.
+fn merged<S: System>(
+    system: &mut S,
+    run: &JudgedRun<'_>,
+    divisor: f64,
+) -> Result<ErrorEstimate, IntegrateError<S::Error>> {
+    let is_break = |t: f64| run.breaks.binary_search_by(|b| b.total_cmp(&t)).is_ok();
+    let mut ends = Vec::with_capacity(run.steps.len() / 2 + 1);
+    let mut waiting = false;
+    for &t in run.steps {
+        if waiting || is_break(t) {
+            ends.push(t);
+            waiting = false;
+        } else {
+            waiting = true;
+        }
+    }
+    if let Some(&last) = run.steps.last()
+        && ends.last() != Some(&last)
+    {
+        ends.push(last);
+    }
+    // Steps are given: a tolerance that accepts every one of them.
+    let accept = Tolerances { rtol: f64::INFINITY, atol: f64::INFINITY, max_step: f64::INFINITY };
+    let (t, q, v, aux) = run.start;
+    let mut companion = Integrator::new(system.model(), run.method, accept, t, q, v, aux);
+    let mut judge = Judge::new(system, run, divisor);
+    for &end in &ends {
+        let stop = is_break(end);
+        companion.propose(end - companion.t());
+        match companion.step(system, end, stop) {
+            Ok(_) => {}
+            // Doubled steps can leave the domain of the forces; then there is no estimate, which the result says.
+            Err(IntegrateError::StepUnderflow { .. }) => break,
+            Err(e) => return Err(e),
+        }
+        if stop {
+            companion.restart();
+        }
+        judge.look(system, &mut companion)?;
+    }
+    Ok(judge.finish("merged steps", companion.counts()[2]))
+}
+
+fn compare<S: System>(
+    system: &mut S,
+    run: &JudgedRun<'_>,
+    method: Method,
+    tolerances: Tolerances,
+    divisor: f64,
+    how: &str,
+) -> Result<ErrorEstimate, IntegrateError<S::Error>> {
+    let (t, q, v, aux) = run.start;
+    let mut companion = Integrator::new(system.model(), method, tolerances, t, q, v, aux);
+    let mut judge = Judge::new(system, run, divisor);
+    let Some(&end) = run.steps.last() else { return Ok(judge.finish(how, 0)) };
+    let breaks = run.breaks.iter().copied().filter(|b| *b > t && *b < end).map(|b| (b, true));
+    for (limit, stop) in breaks.chain([(end, run.breaks.contains(&end))]) {
+        while companion.t() < limit {
+            match companion.step(system, limit, stop) {
+                Ok(_) => judge.look(system, &mut companion)?,
+                Err(IntegrateError::StepUnderflow { .. }) => {
+                    return Ok(judge.finish(how, companion.counts()[2]));
+                }
+                Err(e) => return Err(e),
+            }
+        }
+        companion.restart();
+    }
+    Ok(judge.finish(how, companion.counts()[2]))
+}
+
+/// Compares a companion with the run at the run's samples.
+struct Judge<'a> {
+    run: &'a JudgedRun<'a>,
+    divisor: f64,
+    next: usize,
+    /// Largest motion of each of q and v over the run: what a tenth is taken of.
+    motion: [f64; 2],
+    horizon: f64,
+    lost: bool,
+    last: Option<[f64; 2]>,
+    scratch: [Vec<f64>; 3],
+}
+
+impl<'a> Judge<'a> {
+    fn new<S: System>(system: &S, run: &'a JudgedRun<'a>, divisor: f64) -> Self {
+        let model = system.model();
+        let (t, q0, v0, aux) = run.start;
+        let mut motion = [0.0f64, v0.iter().fold(0.0, |m: f64, x| m.max(x.abs()))];
+        for (_, q, v) in run.samples {
+            motion[0] = model.difference(q0, q).iter().fold(motion[0], |m, x| m.max(x.abs()));
+            motion[1] = v.iter().fold(motion[1], |m, x| m.max(x.abs()));
+        }
+        let scratch = [vec![0.0; q0.len()], vec![0.0; v0.len()], vec![0.0; aux.len()]];
+        Judge { run, divisor, next: 0, motion, horizon: t, lost: false, last: None, scratch }
+    }
+    /// Takes the samples inside the companion's last step.
+    fn look<S: System>(
+        &mut self,
+        system: &mut S,
+        companion: &mut Integrator,
+    ) -> Result<(), IntegrateError<S::Error>> {
+        while let Some((t, q, v)) = self.run.samples.get(self.next).filter(|s| s.0 <= companion.t()) {
+            self.next += 1;
+            if *t <= self.run.start.0 {
+                continue;
+            }
+            let [own_q, own_v, own_aux] = &mut self.scratch;
+            companion.sample(system, *t, own_q, own_v, own_aux)?;
+            let dq = system.model().difference(q, own_q).iter().fold(0.0f64, |m, x| m.max(x.abs()));
+            let dv = v.iter().zip(own_v.iter()).fold(0.0f64, |m, (a, b)| m.max((a - b).abs()));
+            let errors = [dq / self.divisor, dv / self.divisor];
+            let small = errors[0] <= LOST.min(0.1 * self.motion[0]) && errors[1] <= 0.1 * self.motion[1];
+            if small && !self.lost {
+                self.horizon = *t;
+            }
+            self.lost |= !small;
+            self.last = Some(errors);
+        }
+        Ok(())
+    }
+    fn finish(self, how: &str, evaluations: u64) -> ErrorEstimate {
+        let complete = self.next == self.run.samples.len();
+        let known = self.last.filter(|_| complete && !self.lost);
+        ErrorEstimate {
+            q: known.map(|e| e[0]),
+            v: known.map(|e| e[1]),
+            horizon: if known.is_some() { None } else { Some(self.horizon) },
+            how: how.into(),
+            evaluations,
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! Damping and dry friction of the model's joints (URDF `dynamics`).
+
+use crate::force::{Force, ForceError, Loads, Situation, acts_on_base};
+use phipsi_model::Model;
+
+/// τ = −c v − f tanh(v/s) at every degree of freedom of the joints that have damping c or friction f.
+///
+/// Dry friction is regularised: at the speed s the force has reached 76 % of f, and below it the joint creeps instead of
+/// sticking.
+#[derive(Clone, Debug)]
+pub struct JointDissipation {
+    /// (degree of freedom, damping, friction).
+    terms: Vec<(usize, f64, f64)>,
+    /// s, rad/s or m/s.
+    speed: f64,
+}
+
+impl JointDissipation {
+    /// Regularisation speed where a scene does not say: 0.01 rad/s or m/s.
+    pub const SPEED: f64 = 0.01;
+
+    /// Of all joints of a model; `None` if no joint has damping or friction.
+    pub fn new(model: &Model, speed: f64) -> Option<Self> {
+        let mut terms = Vec::new();
+        for k in model.moving_joints() {
+            let joint = &model.joints()[k];
+            if joint.damping != 0.0 || joint.friction != 0.0 {
+                terms.extend(model.v_range(k).map(|i| (i, joint.damping, joint.friction)));
+            }
+        }
+        (!terms.is_empty()).then_some(JointDissipation { terms, speed })
+    }
+    /// True if a joint has dry friction.
+    pub fn has_friction(&self) -> bool {
+        self.terms.iter().any(|t| t.2 != 0.0)
+    }
+    fn add_to(&self, v: &[f64], tau: &mut [f64]) {
+        for &(i, damping, friction) in &self.terms {
+            tau[i] -= damping * v[i] + friction * (v[i] / self.speed).tanh();
+        }
+    }
+}
+
+/// Damping and regularised friction forces of a model at velocities v, nv.
+pub fn passive_forces(model: &Model, v: &[f64]) -> Vec<f64> {
+    let mut tau = vec![0.0; model.nv()];
+    if let Some(force) = JointDissipation::new(model, JointDissipation::SPEED) {
+        force.add_to(v, &mut tau);
+    }
+    tau
+}
+
+impl Force for JointDissipation {
+    fn name(&self) -> &str {
+        "joint damping and friction"
+    }
+    fn is_external(&self, model: &Model) -> bool {
+        self.terms.iter().any(|t| acts_on_base(model, t.0))
+    }
+    fn add(
+        &mut self,
+        at: &Situation<'_>,
+        _: &[f64],
+        _: &mut [f64],
+        loads: &mut Loads<'_>,
+    ) -> Result<(), ForceError> {
+        self.add_to(at.v, loads.tau);
+        Ok(())
+    }
+}

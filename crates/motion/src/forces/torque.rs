@@ -1,0 +1,38 @@
+//! A generalised force at one degree of freedom as a function of time.
+
+use crate::force::{Force, ForceError, Loads, Situation, acts_on_base};
+use crate::signal::Signal;
+use phipsi_model::Model;
+
+/// τ(t) at one degree of freedom, N·m or N.
+#[derive(Clone, Debug)]
+pub struct JointTorque {
+    /// The user's name.
+    pub name: String,
+    /// Index in v.
+    pub dof: usize,
+    /// Force as a function of time.
+    pub value: Signal,
+}
+
+impl Force for JointTorque {
+    fn name(&self) -> &str {
+        &self.name
+    }
+    fn add(
+        &mut self,
+        at: &Situation<'_>,
+        _: &[f64],
+        _: &mut [f64],
+        loads: &mut Loads<'_>,
+    ) -> Result<(), ForceError> {
+        loads.tau[self.dof] += self.value.value(at.t);
+        Ok(())
+    }
+    fn is_external(&self, model: &Model) -> bool {
+        acts_on_base(model, self.dof)
+    }
+    fn breaks(&self) -> Vec<f64> {
+        self.value.breaks()
+    }
+}

@@ -1,0 +1,58 @@
+//! A wrench on a body as a function of time.
+
+use crate::force::{Force, ForceError, Loads, Needs, Situation};
+use crate::signal::Signal;
+use phipsi_spatial::{Vec3, Wrench};
+
+/// The axes in which a wrench is given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WrenchAxes {
+    /// The body's own, turning with it (a thruster).
+    Body,
+    /// The world's (a pull).
+    World,
+}
+
+/// Moment and force on a body at a point of it.
+#[derive(Clone, Debug)]
+pub struct BodyWrench {
+    /// The user's name.
+    pub name: String,
+    /// The body.
+    pub body: usize,
+    /// Point of application in the body's frame, m.
+    pub point: Vec3<f64>,
+    /// Axes of the components.
+    pub axes: WrenchAxes,
+    /// Moment about the point, then force, N·m and N.
+    pub components: [Signal; 6],
+}
+
+impl Force for BodyWrench {
+    fn name(&self) -> &str {
+        &self.name
+    }
+    fn needs(&self) -> Needs {
+        Needs { kinematics: self.axes == WrenchAxes::World, wrenches: true, conservative: false }
+    }
+    fn add(
+        &mut self,
+        at: &Situation<'_>,
+        _: &[f64],
+        _: &mut [f64],
+        loads: &mut Loads<'_>,
+    ) -> Result<(), ForceError> {
+        let six = [0, 1, 2, 3, 4, 5].map(|i| self.components[i].value(at.t));
+        let mut wrench = Wrench::from_array(six);
+        if self.axes == WrenchAxes::World {
+            let r = at.pose(Some(self.body)).rotation;
+            wrench = Wrench::new(r.transpose_mul(wrench.moment), r.transpose_mul(wrench.force));
+        }
+        wrench.moment += self.point.cross(wrench.force);
+        loads.wrenches[self.body] += wrench;
+        Ok(())
+    }
+    fn breaks(&self) -> Vec<f64> {
+        self.components.iter().flat_map(Signal::breaks).collect()
+    }
+}

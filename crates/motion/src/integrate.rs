@@ -1,0 +1,406 @@
+//! The driver: steps under error control, landing on given times, checkpoints.
+
+use crate::explicit::{ExplicitStep, NotFinite, StageError};
+use crate::increment::largest_rotation;
+use crate::system::System;
+use crate::tableau::{DOP853, RK4, TSIT5, Tableau};
+use phipsi_model::Model;
+use std::fmt;
+
+/// An integration method.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Method {
+    /// Order 8, adaptive.
+    Dop853,
+    /// Order 5, adaptive.
+    Tsit5,
+    /// Order 4, fixed step.
+    Rk4 {
+        /// Step size.
+        step: f64,
+    },
+}
+
+impl Method {
+    /// Its coefficients.
+    pub fn tableau(&self) -> Tableau {
+        match self {
+            Method::Dop853 => DOP853,
+            Method::Tsit5 => TSIT5,
+            Method::Rk4 { .. } => RK4,
+        }
+    }
+}
+
+/// Error control.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tolerances {
+    /// Relative tolerance of velocities, against 1 + their largest value so far.
+    pub rtol: f64,
+    /// Absolute tolerance of increments, rad or m.
+    pub atol: f64,
+    /// Largest step.
+    pub max_step: f64,
+}
+
+impl Tolerances {
+    /// Equal tolerances, no largest step.
+    pub fn new(tolerance: f64) -> Self {
+        Tolerances { rtol: tolerance, atol: tolerance, max_step: f64::INFINITY }
+    }
+}
+
+/// Why a step could not be made; the state before it is intact.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum IntegrateError<E> {
+    /// The step size fell below what the time can resolve.
+    StepUnderflow {
+        /// Time.
+        t: f64,
+        /// Step size.
+        h: f64,
+        /// What made the last trial fail, if not the error estimate.
+        cause: Option<StageError<E>>,
+    },
+    /// The derivative at the very start (or after a break) failed.
+    Start {
+        /// Time.
+        t: f64,
+        /// What failed.
+        cause: StageError<E>,
+    },
+}
+
+impl NotFinite {
+    /// In words, with the joint's name.
+    pub fn describe(&self, model: &Model) -> String {
+        let joint = |i: usize| {
+            let (k, component) = model.joint_of_velocity(i);
+            format!("joint `{}`, degree of freedom {component}", model.joints()[k].name)
+        };
+        match self {
+            NotFinite::Acceleration(i) => format!("acceleration of {}", joint(*i)),
+            NotFinite::Velocity(i) => format!("velocity of {}", joint(*i)),
+            NotFinite::Auxiliary(i) => format!("rate of auxiliary quantity {i}"),
+        }
+    }
+}
+
+impl<E: fmt::Display> IntegrateError<E> {
+    /// In words, with names from the model.
+    pub fn describe(&self, model: &Model) -> String {
+        let cause = |c: &StageError<E>| match c {
+            StageError::System(e) => e.to_string(),
+            StageError::NotFinite(what) => format!("{} is not finite", what.describe(model)),
+        };
+        match self {
+            IntegrateError::StepUnderflow { t, h, cause: Some(c) } => {
+                format!("at t = {t} no step of size {h:e} or more succeeds: {}", cause(c))
+            }
+            IntegrateError::StepUnderflow { t, h, cause: None } => format!(
+                "at t = {t} the step size fell to {h:e} without meeting the tolerance; \
+                 loosen rtol, or look for a force that is not smooth there"
+            ),
+            IntegrateError::Start { t, cause: c } => format!("at t = {t}: {}", cause(c)),
+        }
+    }
+}
+
+/// An accepted step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepInfo {
+    /// Start.
+    pub t0: f64,
+    /// End.
+    pub t1: f64,
+}
+
+/// Everything that continues a run bit for bit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct IntegratorState {
+    /// Time.
+    pub t: f64,
+    /// Configuration, velocity, auxiliary quantities.
+    pub q: Vec<f64>,
+    /// Velocity.
+    pub v: Vec<f64>,
+    /// Auxiliary quantities.
+    pub aux: Vec<f64>,
+    /// Carried accelerations.
+    pub v_dot: Vec<f64>,
+    /// Carried rates.
+    pub aux_dot: Vec<f64>,
+    /// Proposed step; 0 before the first.
+    pub h: f64,
+    /// Error of the last accepted step, the controller's memory.
+    pub last_error: f64,
+    /// Largest speed so far of each degree of freedom.
+    pub largest: Vec<f64>,
+    /// Accepted and rejected steps, evaluations.
+    pub counts: [u64; 3],
+    /// False if the derivative must be evaluated anew before the next step.
+    pub carried: bool,
+}
+
+/// A method with its state.
+#[derive(Clone, Debug)]
+pub struct Integrator {
+    method: Method,
+    tolerances: Tolerances,
+    step: ExplicitStep,
+    state: IntegratorState,
+    next_q: Vec<f64>,
+    next: Vec<f64>,
+    /// The last accepted step can still be sampled.
+    pending: bool,
+    latest: f64,
+}
+
+impl Integrator {
+    /// At (t, q, v) with auxiliary quantities `aux`.
+    pub fn new(
+        model: &Model,
+        method: Method,
+        tolerances: Tolerances,
+        t: f64,
+        q: &[f64],
+        v: &[f64],
+        aux: &[f64],
+    ) -> Self {
+        let (nq, nv) = (model.nq(), model.nv());
+        let state = IntegratorState {
+            t,
+            q: q.to_vec(),
+            v: v.to_vec(),
+            aux: aux.to_vec(),
+            v_dot: vec![0.0; nv],
+            aux_dot: vec![0.0; aux.len()],
+            h: 0.0,
+            last_error: 1e-4,
+            largest: v.iter().map(|x| x.abs()).collect(),
+            counts: [0; 3],
+            carried: false,
+        };
+        Integrator {
+            method,
+            tolerances,
+            step: ExplicitStep::new(method.tableau(), nq, nv, aux.len()),
+            state,
+            next_q: vec![0.0; nq],
+            next: Vec::new(),
+            pending: false,
+            latest: f64::INFINITY,
+        }
+    }
+    /// Time.
+    pub fn t(&self) -> f64 {
+        self.state.t
+    }
+    /// Configuration.
+    pub fn q(&self) -> &[f64] {
+        &self.state.q
+    }
+    /// Velocity.
+    pub fn v(&self) -> &[f64] {
+        &self.state.v
+    }
+    /// Auxiliary quantities.
+    pub fn aux(&self) -> &[f64] {
+        &self.state.aux
+    }
+    /// Accepted and rejected steps, evaluations.
+    pub fn counts(&self) -> [u64; 3] {
+        self.state.counts
+    }
+    /// The next derivative is evaluated anew: after a time at which a force is not smooth.
+    pub fn restart(&mut self) {
+        self.state.carried = false;
+    }
+    /// Proposes the size of the next step.
+    pub fn propose(&mut self, h: f64) {
+        self.state.h = h;
+    }
+    /// Everything that continues bit for bit.
+    pub fn checkpoint(&self) -> IntegratorState {
+        self.state.clone()
+    }
+    /// Continues from a checkpoint of the same method and model.
+    pub fn restore(&mut self, state: IntegratorState) {
+        self.state = state;
+        self.pending = false;
+    }
+
+    /// Moves the method's scratch to the present state.
+    fn settle<S: System>(&mut self, system: &mut S) -> Result<(), IntegrateError<S::Error>> {
+        let s = &mut self.state;
+        self.pending = false;
+        self.step.resume((&s.q, &s.v, &s.aux), (&s.v_dot, &s.aux_dot), s.counts[2]);
+        if !s.carried {
+            let t = s.t;
+            self.step
+                .begin(system, t, (&s.q, &s.v, &s.aux))
+                .map_err(|cause| IntegrateError::Start { t, cause })?;
+            s.counts[2] = self.step.evaluations();
+            let (v_dot, aux_dot) = self.step.carried();
+            s.v_dot.copy_from_slice(v_dot);
+            s.aux_dot.copy_from_slice(aux_dot);
+            s.carried = true;
+        }
+        Ok(())
+    }
+
+    /// Hairer's first guess of a step, from the sizes of the first derivative and its change over a small step.
+    fn first_step<S: System>(&mut self, system: &mut S, limit: f64) -> f64 {
+        let s = &self.state;
+        let span = limit - s.t;
+        let Tolerances { rtol, atol, max_step } = self.tolerances;
+        let norm = |xi: &mut dyn Iterator<Item = f64>, v: &mut dyn Iterator<Item = f64>| {
+            let xi: f64 = xi.map(|x| (x / atol).powi(2)).sum();
+            let v: f64 = v.zip(&s.largest).map(|(x, l)| (x / (rtol * (1.0 + l))).powi(2)).sum();
+            ((xi + v) / (2.0 * s.v.len().max(1) as f64)).sqrt()
+        };
+        let d0 = norm(&mut std::iter::empty(), &mut s.v.iter().copied());
+        let d1 = norm(&mut s.v.iter().copied(), &mut s.v_dot.iter().copied());
+        let h0 = if d0 < 1e-5 || d1 < 1e-5 { 1e-6 * span.min(1.0) } else { 0.01 * d0 / d1 };
+        let h0 = h0.min(span).min(max_step);
+        let (t, v_dot) = (s.t, s.v_dot.clone());
+        let d2 = match self.step.attempt(system, t, h0, limit) {
+            Ok(()) => {
+                let (end, last) = (self.step.end_velocity(), self.step.end_rates().0);
+                norm(
+                    &mut end.iter().zip(&s.v).map(|(a, b)| a - b),
+                    &mut last.iter().zip(&v_dot).map(|(a, b)| a - b),
+                ) / h0
+            }
+            Err(_) => return h0 * 1e-3,
+        };
+        self.state.counts[2] = self.step.evaluations();
+        let order = self.step.tableau.order as f64;
+        let largest = d1.max(d2);
+        let h1 = if largest <= 1e-15 { (h0 * 1e-3).max(1e-6) } else { (0.01 / largest).powf(1.0 / order) };
+        (100.0 * h0).min(h1).min(span).min(max_step)
+    }
+
+    /// One accepted step, ending at `limit` at the latest and exactly there when it is reached.
+    ///
+    /// `is_break`: a force is not smooth at `limit`, so stages at the very end are evaluated just before it.
+    ///
+    /// # Errors
+    /// [`IntegrateError`]; the state is that before the step.
+    pub fn step<S: System>(
+        &mut self,
+        system: &mut S,
+        limit: f64,
+        is_break: bool,
+    ) -> Result<StepInfo, IntegrateError<S::Error>> {
+        self.settle(system)?;
+        self.latest = if is_break { limit.next_down() } else { f64::INFINITY };
+        let t0 = self.state.t;
+        let fixed = if let Method::Rk4 { step } = self.method { Some(step) } else { None };
+        if self.state.h == 0.0 {
+            self.state.h = fixed.unwrap_or_else(|| self.first_step(system, limit));
+        }
+        let mut h = self.state.h.min(self.tolerances.max_step);
+        let mut cause = None;
+        let mut rejected = false;
+        loop {
+            // A remainder of less than a hundredth of a step (a fixed one: of rounding) is taken with it.
+            let stretch = if fixed.is_some() { 1.0 + 1e-9 } else { 1.01 };
+            let landing = t0 + stretch * h >= limit;
+            let trial = if landing { limit - t0 } else { h };
+            if !(trial > 4.0 * f64::EPSILON * t0.abs().max(f64::MIN_POSITIVE) && t0 + trial > t0) {
+                return Err(IntegrateError::StepUnderflow { t: t0, h: trial, cause });
+            }
+            let result = self.step.attempt(system, t0, trial, self.latest);
+            self.state.counts[2] = self.step.evaluations();
+            let error = match result {
+                Ok(()) => {
+                    let Tolerances { rtol, atol, .. } = self.tolerances;
+                    let turned = largest_rotation(system.model(), self.step.end_increment());
+                    cause = None;
+                    // Beyond half a turn the increment's chart ends.
+                    if turned > std::f64::consts::PI {
+                        f64::INFINITY
+                    } else {
+                        self.step.error(atol, rtol, &self.state.largest)
+                    }
+                }
+                Err(e) => {
+                    cause = Some(e);
+                    f64::INFINITY
+                }
+            };
+            if fixed.is_some() && error.is_infinite() {
+                return Err(IntegrateError::StepUnderflow { t: t0, h: trial, cause });
+            }
+            if error <= 1.0 {
+                let t1 = if landing { limit } else { t0 + trial };
+                self.finish(system, t1, trial, error, rejected, fixed);
+                return Ok(StepInfo { t0, t1 });
+            }
+            rejected = true;
+            self.state.counts[1] += 1;
+            let (alpha, _) = self.step.tableau.controller;
+            h = trial * if error.is_finite() { (0.9 * error.powf(-alpha)).clamp(0.2, 0.9) } else { 0.25 };
+        }
+    }
+
+    fn finish<S: System>(
+        &mut self,
+        system: &S,
+        t1: f64,
+        trial: f64,
+        error: f64,
+        rejected: bool,
+        fixed: Option<f64>,
+    ) {
+        self.step.accept(system, &mut self.next_q, &mut self.next);
+        let s = &mut self.state;
+        let nv = s.v.len();
+        if fixed.is_none() {
+            let (alpha, beta) = self.step.tableau.controller;
+            let error = error.max(1e-10);
+            let factor = (0.9 * error.powf(-alpha) * s.last_error.powf(beta))
+                .clamp(0.2, if rejected { 1.0 } else { 6.0 });
+            // A step cut short by its limit says little about the next one: it must not shrink the proposal.
+            let proposal = trial * factor;
+            s.h = if trial < 0.999 * s.h && !rejected { proposal.max(s.h) } else { proposal };
+            s.last_error = error;
+        }
+        s.t = t1;
+        s.q.copy_from_slice(&self.next_q);
+        s.v.copy_from_slice(&self.next[nv..2 * nv]);
+        s.aux.copy_from_slice(&self.next[2 * nv..]);
+        let (v_dot, aux_dot) = self.step.end_rates();
+        s.v_dot.copy_from_slice(v_dot);
+        s.aux_dot.copy_from_slice(aux_dot);
+        s.largest.iter_mut().zip(&s.v).for_each(|(l, v)| *l = l.max(v.abs()));
+        s.counts[0] += 1;
+        self.pending = true;
+    }
+
+    /// State at a time inside the last accepted step: q, v, aux.
+    ///
+    /// # Errors
+    /// [`IntegrateError::Start`] if a further stage of the dense output fails.
+    pub fn sample<S: System>(
+        &mut self,
+        system: &mut S,
+        t: f64,
+        q: &mut [f64],
+        v: &mut [f64],
+        aux: &mut [f64],
+    ) -> Result<(), IntegrateError<S::Error>> {
+        if t == self.state.t || !self.pending {
+            q.copy_from_slice(&self.state.q);
+            v.copy_from_slice(&self.state.v);
+            aux.copy_from_slice(&self.state.aux);
+            return Ok(());
+        }
+        let theta = (t - self.step.t) / self.step.h;
+        let result = self.step.sample(system, theta, self.latest, q, v, aux);
+        self.state.counts[2] = self.step.evaluations();
+        result.map_err(|cause| IntegrateError::Start { t, cause })
+    }
+}

@@ -1,0 +1,27 @@
+//! Motion of a mechanism: forces, integration on the configuration manifold, error estimates, and the plan of what a scene
+//! needs.
+//!
+//! [`Dynamics`] is a model with its [`Force`]s; an [`Integrator`] advances it step by step; [`estimate_error`] says how wrong
+//! the end is.
+
+pub mod conserved;
+pub mod dynamics;
+pub mod error_estimate;
+pub mod explicit;
+pub mod force;
+pub mod forces;
+pub mod increment;
+pub mod integrate;
+pub mod plan;
+pub mod signal;
+pub mod system;
+pub mod tableau;
+
+pub use conserved::{Balance, Conserved, balance};
+pub use dynamics::{Dynamics, MotionError};
+pub use error_estimate::{ErrorEstimate, JudgedRun, estimate_error};
+pub use force::{Force, ForceError, Loads, Needs, Situation};
+pub use integrate::{IntegrateError, Integrator, IntegratorState, Method, StepInfo, Tolerances};
+pub use plan::Plan;
+pub use signal::Signal;
+pub use system::System;
