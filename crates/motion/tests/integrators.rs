@@ -19,13 +19,12 @@ fn error_with(method: Method, steps: usize, truth: &[f64]) -> f64 {
 }
 
 #[test]
-fn every_method_has_its_order() {
+fn lower_orders_show_on_a_double_pendulum() {
     let mut dynamics = free_fall(&double_pendulum(), vec![]);
     let (end, _) = run(&mut dynamics, Method::Dop853, 1e-15, &[0.5, 0.6], &[0.0; 2], 1.0);
     for (method, steps) in [
         (Method::Rk4 { step: 1.0 }, [100, 150, 200, 300, 400, 600]),
         (Method::Tsit5, [100, 140, 180, 240, 320, 400]),
-        (Method::Dop853, [12, 14, 17, 20, 24, 28]),
     ] {
         let order = method.tableau().order as f64;
         let points = steps.map(|n| ((n as f64).ln(), error_with(method, n, end.q()).ln()));
@@ -33,9 +32,8 @@ fn every_method_has_its_order() {
         let (x, y) = (mean(|p| p.0), mean(|p| p.1));
         let slope = points.iter().map(|p| (p.0 - x) * (p.1 - y)).sum::<f64>()
             / points.iter().map(|p| (p.0 - x).powi(2)).sum::<f64>();
-        // Between step sizes where the next term of the error still shows (the tuned pairs have small leading terms) and
-        // those where rounding does, the higher orders have little room.
-        let margin = [(4.0, 0.1), (5.0, 0.25), (8.0, 0.5)].iter().find(|m| m.0 == order).unwrap().1;
+        // Tsit5's leading error terms are tuned to be small, so the next one still shows.
+        let margin = if order == 5.0 { 0.25 } else { 0.1 };
         assert!((-slope - order).abs() < margin, "{method:?}: observed {:.2}, {points:?}", -slope);
     }
 }
@@ -58,11 +56,11 @@ fn order_survives_on_rotations() {
         }
         model.difference(end.q(), i.q()).iter().fold(0.0f64, |m, x| m.max(x.abs()))
     };
-    for (method, coarse) in [(Method::Tsit5, 24), (Method::Dop853, 9)] {
+    for (method, counts) in [(Method::Tsit5, [40, 60, 80, 120]), (Method::Dop853, [12, 16, 22, 30])] {
         let order = method.tableau().order as f64;
-        let (a, b) = (error(method, coarse), error(method, 2 * coarse));
-        let observed = (a / b).log2();
-        assert!((observed - order).abs() < 0.9, "{method:?}: observed {observed:.2}, {a:e} → {b:e}");
+        let errors = counts.map(|n| error(method, n));
+        let observed = (errors[0] / errors[3]).ln() / (counts[3] as f64 / counts[0] as f64).ln();
+        assert!((observed - order).abs() < 0.3, "{method:?}: observed {observed:.2}, {errors:?}");
     }
 }
 
