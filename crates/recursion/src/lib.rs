@@ -17,7 +17,7 @@
 //!     .build()?;
 //! let layout = Layout::<f64>::new(&model);
 //! let acceleration = forward_dynamics(&layout, &[0.0], &[0.0], &[0.0], None)?;
-//! assert!((acceleration[0] - 1.5 * 9.81).abs() < 1e-14); // a rod falling from the horizontal
+//! assert!((acceleration[0] - 1.5_f64 * 9.81).abs() < 1e-14); // a rod falling from the horizontal
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
