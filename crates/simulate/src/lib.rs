@@ -1,1 +1,14 @@
-//! Scenes, runs and run folders.
+//! From scenes to runs: reading a scene file, running it with a stated error, run folders that survive a kill.
+//!
+//! [`Simulation`] is what a run needs, made by [`scene::load`] from a file or by [`Simulation::new`] from a model.
+//! [`run`] runs it in memory or into any [`Observer`]; [`folder`] runs it into a folder that can be resumed.
+
+pub mod error;
+pub mod output;
+pub mod run;
+pub mod simulation;
+
+pub use error::SimulateError;
+pub use output::{Output, Quantity};
+pub use run::{Observer, Progress, Recording, Row, RunState, StepRecord, Summary, resume, run};
+pub use simulation::{Choice, Simulation};

@@ -1,0 +1,108 @@
+//! Outputs of a scene: numbers that are computed from a state, by name.
+
+use phipsi_model::Model;
+use phipsi_motion::Balance;
+use phipsi_recursion::{Kinematics, Layout};
+use phipsi_spatial::Vec3;
+
+/// A point of a body (`None`: the world), m in the body's frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BodyPoint {
+    /// The body.
+    pub body: Option<usize>,
+    /// The point.
+    pub point: Vec3<f64>,
+}
+
+/// Which energy.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EnergyKind {
+    /// Kinetic energy.
+    Kinetic,
+    /// Potential energy of gravity and conservative forces.
+    Potential,
+    /// Their sum.
+    Total,
+}
+
+/// What an output measures.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Quantity {
+    /// Σ factor · q(index).
+    Coordinates(Vec<(usize, f64)>),
+    /// Σ factor · v(index).
+    Velocities(Vec<(usize, f64)>),
+    /// Coordinate (0: x, 1: y, 2: z) of a point, world axes, m.
+    Position(BodyPoint, usize),
+    /// Component of a point's velocity, world axes, m/s.
+    Velocity(BodyPoint, usize),
+    /// Distance of two points, m.
+    Distance(BodyPoint, BodyPoint),
+    /// An energy, J.
+    Energy(EnergyKind),
+}
+
+/// A named number.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Output {
+    /// The user's name.
+    pub name: String,
+    /// What it measures.
+    pub quantity: Quantity,
+}
+
+/// A state with what has been computed at it.
+pub struct Measured<'a> {
+    /// The model.
+    pub model: &'a Model,
+    /// Its layout.
+    pub layout: &'a Layout<f64>,
+    /// Poses and velocities at the state.
+    pub kinematics: &'a Kinematics<f64>,
+    /// Position coordinates.
+    pub q: &'a [f64],
+    /// Velocities.
+    pub v: &'a [f64],
+    /// Energies and momenta at the state.
+    pub balance: &'a Balance,
+}
+
+impl Output {
+    /// Its value at a state.
+    pub fn value(&self, at: &Measured<'_>) -> f64 {
+        let place = |p: &BodyPoint| at.kinematics.pose(at.layout, p.body).point(p.point);
+        match &self.quantity {
+            Quantity::Coordinates(terms) => terms.iter().map(|&(i, factor)| factor * at.q[i]).sum(),
+            Quantity::Velocities(terms) => terms.iter().map(|&(i, factor)| factor * at.v[i]).sum(),
+            Quantity::Position(p, axis) => place(p).0[*axis],
+            Quantity::Velocity(p, axis) => {
+                let own = at.kinematics.velocity_in_body(at.layout, p.body);
+                let rotation = at.kinematics.pose(at.layout, p.body).rotation;
+                (rotation * (own.linear + own.angular.cross(p.point))).0[*axis]
+            }
+            Quantity::Distance(a, b) => (place(a) - place(b)).norm(),
+            Quantity::Energy(EnergyKind::Kinetic) => at.balance.kinetic,
+            Quantity::Energy(EnergyKind::Potential) => at.balance.potential,
+            Quantity::Energy(EnergyKind::Total) => at.balance.kinetic + at.balance.potential,
+        }
+    }
+}
+
+/// A known value of an output at the end of a run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KnownValue {
+    /// The output's name.
+    pub output: String,
+    /// Its value.
+    pub value: f64,
+}
+
+/// Largest |found − known| / |known| (absolute where the known value is 0); `None` without known values.
+pub fn reference_error(known: &[KnownValue], found: impl Fn(&str) -> Option<f64>) -> Option<f64> {
+    let errors = known.iter().filter_map(|k| {
+        let error = (found(&k.output)? - k.value).abs();
+        Some(if k.value == 0.0 { error } else { error / k.value.abs() })
+    });
+    // A NaN stays: it must not look like a small error.
+    errors.reduce(|a, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) })
+}

@@ -1,0 +1,526 @@
+//! The run loop: steps, samples, balances, limits, checkpoints, and the error estimate at the end.
+
+use crate::error::SimulateError;
+use crate::output::{Measured, reference_error};
+use crate::simulation::Simulation;
+use phipsi_model::Model;
+use phipsi_motion::{
+    Balance, Conserved, Dynamics, ErrorEstimate, IntegrateError, Integrator, IntegratorState, JudgedRun,
+    MotionError, System, balance, estimate_error,
+};
+use phipsi_recursion::{DynamicsError, Kinematics};
+use std::time::Instant;
+
+/// Most instants at which a run is compared with its companion.
+const JUDGED_SAMPLES: usize = 256;
+
+/// A recorded instant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// Time.
+    pub t: f64,
+    /// Position coordinates.
+    pub q: Vec<f64>,
+    /// Velocities.
+    pub v: Vec<f64>,
+    /// Kinetic energy, potential energy, work of non-conservative forces, J.
+    pub energy: [f64; 3],
+    /// Angular momentum about the centre of mass, linear momentum, world axes; zeros where the base is not free.
+    pub momentum: [f64; 6],
+    /// The scene's outputs.
+    pub outputs: Vec<f64>,
+}
+
+/// An accepted step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepRecord {
+    /// End of the step.
+    pub t: f64,
+    /// Imbalance of energy, J, of angular and of linear momentum, absolute, at the end of the step.
+    pub imbalance: [f64; 3],
+}
+
+/// A joint limit that the motion passed: limits do not act on the dynamics.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LimitPassed {
+    /// The joint.
+    pub joint: String,
+    /// Its position at the end of the step that passed the limit.
+    pub position: f64,
+    /// The limit.
+    pub limit: f64,
+    /// Start and end of that step.
+    pub between: [f64; 2],
+}
+
+impl LimitPassed {
+    /// For people.
+    pub fn describe(&self) -> String {
+        let LimitPassed { joint, position, limit, between: [t0, t1] } = self;
+        format!(
+            "joint `{joint}` passed its limit {limit} between t = {t0} and t = {t1} (then at {position}); \
+             limits do not act on the motion"
+        )
+    }
+}
+
+/// What one's own loop, a run folder or a progress bar does with a run.
+pub trait Observer {
+    /// A recorded instant, in the order of time.
+    ///
+    /// # Errors
+    /// Anything stops the run.
+    fn row(&mut self, row: &Row) -> Result<(), SimulateError>;
+    /// An accepted step; `progress` has what a checkpoint needs.
+    ///
+    /// # Errors
+    /// Anything stops the run.
+    fn step(&mut self, _step: &StepRecord, _progress: &Progress<'_>) -> Result<(), SimulateError> {
+        Ok(())
+    }
+    /// True stops the run after the present step.
+    fn stop(&self) -> bool {
+        false
+    }
+    /// The run goes over to its error estimate.
+    fn estimating(&mut self) {}
+    /// All steps so far, those before a resumed checkpoint included: ends of steps.
+    ///
+    /// # Errors
+    /// If they cannot be read back.
+    fn step_ends(&mut self) -> Result<Vec<f64>, SimulateError>;
+    /// At most `most` recorded rows, evenly spread, the last one included: (t, q, v).
+    ///
+    /// # Errors
+    /// If they cannot be read back.
+    fn spread_rows(&mut self, most: usize) -> Result<Vec<(f64, Vec<f64>, Vec<f64>)>, SimulateError>;
+}
+
+/// Rows and steps kept in memory.
+#[derive(Clone, Debug, Default)]
+pub struct Recording {
+    /// Recorded instants.
+    pub rows: Vec<Row>,
+    /// Accepted steps.
+    pub steps: Vec<StepRecord>,
+}
+
+impl Observer for Recording {
+    fn row(&mut self, row: &Row) -> Result<(), SimulateError> {
+        self.rows.push(row.clone());
+        Ok(())
+    }
+    fn step(&mut self, step: &StepRecord, _: &Progress<'_>) -> Result<(), SimulateError> {
+        self.steps.push(*step);
+        Ok(())
+    }
+    fn step_ends(&mut self) -> Result<Vec<f64>, SimulateError> {
+        Ok(self.steps.iter().map(|s| s.t).collect())
+    }
+    fn spread_rows(&mut self, most: usize) -> Result<Vec<(f64, Vec<f64>, Vec<f64>)>, SimulateError> {
+        let rows = spread(self.rows.len(), most);
+        Ok(rows.map(|i| (self.rows[i].t, self.rows[i].q.clone(), self.rows[i].v.clone())).collect())
+    }
+}
+
+/// At most `most` of n positions, evenly spread, the last one included.
+pub fn spread(n: usize, most: usize) -> impl Iterator<Item = usize> {
+    let taken = n.min(most.max(1));
+    (1..=taken).map(move |k| (k * n) / taken - 1)
+}
+
+/// Everything that continues a run bit for bit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunState {
+    /// State of the integrator.
+    pub integrator: IntegratorState,
+    /// Balances so far.
+    pub conserved: Conserved,
+    /// Rows recorded so far.
+    pub rows: u64,
+    /// Steps recorded so far.
+    pub steps: u64,
+    /// Limits passed so far.
+    pub limits: Vec<LimitPassed>,
+    /// Wall time spent so far, s.
+    pub wall_s: f64,
+}
+
+/// A look at a run between two steps.
+pub struct Progress<'a> {
+    /// Time.
+    pub t: f64,
+    /// End of the run.
+    pub t_end: f64,
+    /// Limits passed so far.
+    pub limits: &'a [LimitPassed],
+    integrator: &'a Integrator,
+    conserved: &'a Conserved,
+    rows: u64,
+    steps: u64,
+    wall_s: f64,
+}
+
+impl Progress<'_> {
+    /// A copy of everything that continues the run.
+    pub fn state(&self) -> RunState {
+        RunState {
+            integrator: self.integrator.checkpoint(),
+            conserved: self.conserved.clone(),
+            rows: self.rows,
+            steps: self.steps,
+            limits: self.limits.to_vec(),
+            wall_s: self.wall_s,
+        }
+    }
+}
+
+/// What a run came to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Summary {
+    /// Time, configuration and velocity at the end.
+    pub t: f64,
+    /// Configuration.
+    pub q: Vec<f64>,
+    /// Velocity.
+    pub v: Vec<f64>,
+    /// The scene's outputs at the end, by name.
+    pub outputs: Vec<(String, f64)>,
+    /// Accepted steps.
+    pub steps: u64,
+    /// Rejected steps.
+    pub rejected: u64,
+    /// Evaluations of the equations of motion by the run itself.
+    pub evaluations: u64,
+    /// Wall time, s, the error estimate included.
+    pub wall_s: f64,
+    /// The estimated error at the end; `None` if it was left out or stopped.
+    pub error_estimate: Option<ErrorEstimate>,
+    /// Relative imbalance of energy.
+    pub energy_error: f64,
+    /// Relative imbalances of angular and linear momentum; `None` where the base is not free.
+    pub momentum_error: Option<[f64; 2]>,
+    /// Largest relative error of outputs with known values.
+    pub reference_error: Option<f64>,
+    /// Limits that were passed.
+    pub limits: Vec<LimitPassed>,
+    /// False if an observer stopped the run.
+    pub finished: bool,
+}
+
+/// Runs a simulation from its start.
+///
+/// # Errors
+/// [`SimulateError`]; everything recorded so far has reached the observer.
+pub fn run(simulation: &mut Simulation, observer: &mut dyn Observer) -> Result<Summary, SimulateError> {
+    Runner::new(simulation, None)?.run(observer)
+}
+
+/// Continues a run from a checkpoint of the same simulation.
+///
+/// # Errors
+/// As [`run`].
+pub fn resume(
+    simulation: &mut Simulation,
+    state: RunState,
+    observer: &mut dyn Observer,
+) -> Result<Summary, SimulateError> {
+    Runner::new(simulation, Some(state))?.run(observer)
+}
+
+struct Runner<'a> {
+    simulation: &'a mut Simulation,
+    integrator: Integrator,
+    kinematics: Kinematics<f64>,
+    conserved: Conserved,
+    rows: u64,
+    steps: u64,
+    limits: Vec<LimitPassed>,
+    /// One-axis joints with limits: (joint, index in q, limits).
+    limited: Vec<(usize, usize, [f64; 2])>,
+    spent_s: f64,
+    clock: Instant,
+}
+
+impl<'a> Runner<'a> {
+    fn new(simulation: &'a mut Simulation, state: Option<RunState>) -> Result<Self, SimulateError> {
+        let aux = vec![0.0; simulation.dynamics.auxiliary_len()];
+        let model = simulation.dynamics.model();
+        let start = &simulation.start;
+        let (method, tolerances) = (simulation.choice.method, simulation.tolerances);
+        for (what, found, required) in
+            [("q", start.q.len(), model.nq()), ("v", start.v.len(), model.nv())]
+        {
+            if found != required {
+                return Err(SimulateError::Start(format!(
+                    "`{what}` of the start has length {found}, but length {required} is required"
+                )));
+            }
+        }
+        let mut integrator = Integrator::new(model, method, tolerances, start.t, &start.q, &start.v, &aux);
+        let limited = model
+            .moving_joints()
+            .filter(|&k| model.joints()[k].kind.nv() == 1)
+            .filter_map(|k| Some((k, model.q_offset(k), model.joints()[k].limits.position?)))
+            .collect();
+        let mut runner = Runner {
+            kinematics: Kinematics::new(simulation.dynamics.layout()),
+            conserved: Conserved::default(),
+            rows: 0,
+            steps: 0,
+            limits: Vec::new(),
+            limited,
+            spent_s: 0.0,
+            clock: Instant::now(),
+            integrator: {
+                if let Some(s) = &state {
+                    integrator.restore(s.integrator.clone());
+                }
+                integrator
+            },
+            simulation,
+        };
+        if let Some(s) = state {
+            runner.conserved = s.conserved;
+            (runner.rows, runner.steps) = (s.rows, s.steps);
+            runner.limits = s.limits;
+            runner.spent_s = s.wall_s;
+        }
+        Ok(runner)
+    }
+
+    fn wall_s(&self) -> f64 {
+        self.spent_s + self.clock.elapsed().as_secs_f64()
+    }
+
+    fn run(mut self, observer: &mut dyn Observer) -> Result<Summary, SimulateError> {
+        let (t0, t_end) = (self.simulation.start.t, self.simulation.t_end);
+        let breaks: Vec<f64> =
+            self.simulation.dynamics.breaks().into_iter().filter(|b| *b > t0 && *b < t_end).collect();
+        if self.rows == 0 {
+            let balance = self.balance()?;
+            self.conserved.record(&balance);
+            self.watch_limits(t0);
+            self.record_due(observer)?;
+        }
+        let mut stopped = observer.stop();
+        while !stopped && self.integrator.t() < t_end {
+            let t = self.integrator.t();
+            let next = breaks.partition_point(|b| *b <= t);
+            let limit = breaks.get(next).copied().unwrap_or(t_end);
+            self.step(limit, limit < t_end, observer)?;
+            stopped = observer.stop();
+        }
+        let mut estimate = None;
+        if !stopped && self.simulation.estimate {
+            observer.estimating();
+            estimate = self.estimate(&breaks, observer)?;
+            stopped = observer.stop();
+        }
+        self.summary(estimate, !stopped)
+    }
+
+    /// One accepted step with everything that is looked at after it.
+    fn step(&mut self, limit: f64, is_break: bool, observer: &mut dyn Observer) -> Result<(), SimulateError> {
+        let dynamics = &mut self.simulation.dynamics;
+        let info = self
+            .integrator
+            .step(dynamics, limit, is_break)
+            .map_err(|e| SimulateError::stopped(&e, dynamics.model()))?;
+        self.record_due(observer)?;
+        let balance = self.balance()?;
+        let imbalance = self.conserved.record(&balance);
+        self.watch_limits(info.t0);
+        self.steps += 1;
+        if is_break && info.t1 == limit {
+            self.integrator.restart();
+        }
+        let progress = Progress {
+            t: info.t1,
+            t_end: self.simulation.t_end,
+            limits: &self.limits,
+            integrator: &self.integrator,
+            conserved: &self.conserved,
+            rows: self.rows,
+            steps: self.steps,
+            wall_s: self.wall_s(),
+        };
+        observer.step(&StepRecord { t: info.t1, imbalance }, &progress)
+    }
+
+    fn balance(&mut self) -> Result<Balance, DynamicsError> {
+        let at = (self.integrator.t(), self.integrator.q(), self.integrator.v());
+        balance(&mut self.simulation.dynamics, &mut self.kinematics, at, self.integrator.aux())
+    }
+
+    /// Records the samples that are due up to the present time.
+    fn record_due(&mut self, observer: &mut dyn Observer) -> Result<(), SimulateError> {
+        let samples = self.simulation.samples();
+        while self.rows < samples && self.simulation.sample_time(self.rows) <= self.integrator.t() {
+            let t = self.simulation.sample_time(self.rows);
+            let dynamics = &mut self.simulation.dynamics;
+            let model = dynamics.model();
+            let (mut q, mut v) = (vec![0.0; model.nq()], vec![0.0; model.nv()]);
+            let mut aux = vec![0.0; dynamics.auxiliary_len()];
+            self.integrator
+                .sample(dynamics, t, &mut q, &mut v, &mut aux)
+                .map_err(|e| SimulateError::stopped(&e, dynamics.model()))?;
+            let row = measure(dynamics, &mut self.kinematics, &self.simulation.outputs, t, q, v, &aux)?;
+            observer.row(&row)?;
+            self.rows += 1;
+        }
+        Ok(())
+    }
+
+    /// Notes the first time that each joint is beyond its limits.
+    fn watch_limits(&mut self, t0: f64) {
+        let (q, t1) = (self.integrator.q(), self.integrator.t());
+        for &(k, i, [lower, upper]) in &self.limited {
+            let limit = if q[i] < lower { lower } else { upper };
+            if (lower..=upper).contains(&q[i]) || lower > upper {
+                continue;
+            }
+            let joint = &self.simulation.dynamics.model().joints()[k].name;
+            if self.limits.iter().all(|l| l.joint != *joint) {
+                self.limits.push(LimitPassed {
+                    joint: joint.clone(),
+                    position: q[i],
+                    limit,
+                    between: [t0, t1],
+                });
+            }
+        }
+    }
+
+    fn estimate(
+        &mut self,
+        breaks: &[f64],
+        observer: &mut dyn Observer,
+    ) -> Result<Option<ErrorEstimate>, SimulateError> {
+        let steps = observer.step_ends()?;
+        let samples = observer.spread_rows(JUDGED_SAMPLES)?;
+        let Simulation { dynamics, start, choice, tolerances, .. } = &mut *self.simulation;
+        let aux = vec![0.0; dynamics.auxiliary_len()];
+        let judged = JudgedRun {
+            method: choice.method,
+            tolerances: *tolerances,
+            start: (start.t, &start.q, &start.v, &aux),
+            steps: &steps,
+            breaks,
+            samples: &samples,
+        };
+        let mut watched = Watched { dynamics, stop: &|| observer.stop() };
+        match estimate_error(&mut watched, &judged) {
+            Ok(_) if observer.stop() => Ok(None),
+            Ok(estimate) => Ok(Some(estimate)),
+            Err(_) if observer.stop() => Ok(None),
+            Err(e) => Err(SimulateError::stopped(&e, self.simulation.dynamics.model())),
+        }
+    }
+
+    fn summary(mut self, error_estimate: Option<ErrorEstimate>, finished: bool) -> Result<Summary, SimulateError> {
+        let [steps, rejected, evaluations] = self.integrator.counts();
+        let (t, q, v) = (self.integrator.t(), self.integrator.q().to_vec(), self.integrator.v().to_vec());
+        let aux = self.integrator.aux().to_vec();
+        let row = measure(
+            &mut self.simulation.dynamics,
+            &mut self.kinematics,
+            &self.simulation.outputs,
+            t,
+            q.clone(),
+            v.clone(),
+            &aux,
+        )?;
+        let names = self.simulation.outputs.iter().map(|o| o.name.clone());
+        let outputs: Vec<(String, f64)> = names.zip(row.outputs).collect();
+        let value = |name: &str| outputs.iter().find(|(n, _)| n == name).map(|(_, x)| *x);
+        let at_end = t == self.simulation.t_end;
+        Ok(Summary {
+            t,
+            q,
+            v,
+            steps,
+            rejected,
+            evaluations,
+            wall_s: self.wall_s(),
+            error_estimate,
+            energy_error: self.conserved.energy_error(),
+            momentum_error: self
+                .simulation
+                .dynamics
+                .plan()
+                .momentum
+                .then(|| self.conserved.momentum_error()),
+            reference_error: if at_end { reference_error(&self.simulation.known, value) } else { None },
+            outputs,
+            limits: self.limits,
+            finished,
+        })
+    }
+}
+
+/// Everything recorded of one state.
+fn measure(
+    dynamics: &mut Dynamics,
+    kinematics: &mut Kinematics<f64>,
+    outputs: &[crate::output::Output],
+    t: f64,
+    q: Vec<f64>,
+    v: Vec<f64>,
+    aux: &[f64],
+) -> Result<Row, DynamicsError> {
+    let balance = balance(dynamics, kinematics, (t, &q, &v), aux)?;
+    let at = Measured {
+        model: dynamics.model(),
+        layout: dynamics.layout(),
+        kinematics,
+        q: &q,
+        v: &v,
+        balance: &balance,
+    };
+    let outputs = outputs.iter().map(|o| o.value(&at)).collect();
+    let energy = [balance.kinetic, balance.potential, balance.work];
+    Ok(Row { t, energy, momentum: balance.momentum.to_array(), outputs, q, v })
+}
+
+/// A system that gives up when the user wants to stop: an estimate has no steps of its own to stop after.
+struct Watched<'a> {
+    dynamics: &'a mut Dynamics,
+    stop: &'a dyn Fn() -> bool,
+}
+
+impl System for Watched<'_> {
+    type Error = MotionError;
+    fn model(&self) -> &Model {
+        self.dynamics.model()
+    }
+    fn auxiliary_len(&self) -> usize {
+        self.dynamics.auxiliary_len()
+    }
+    fn derivative(
+        &mut self,
+        t: f64,
+        q: &[f64],
+        v: &[f64],
+        aux: &[f64],
+        v_dot: &mut [f64],
+        aux_dot: &mut [f64],
+    ) -> Result<(), MotionError> {
+        if (self.stop)() {
+            let message = "stopped by the user".into();
+            return Err(MotionError::Force(phipsi_motion::ForceError { force: "run".into(), t, message }));
+        }
+        self.dynamics.derivative(t, q, v, aux, v_dot, aux_dot)
+    }
+}
+
+impl SimulateError {
+    /// A step that failed, in words with the model's names.
+    pub(crate) fn stopped(e: &IntegrateError<MotionError>, model: &Model) -> Self {
+        let t = match e {
+            IntegrateError::StepUnderflow { t, .. } | IntegrateError::Start { t, .. } => *t,
+            _ => f64::NAN,
+        };
+        SimulateError::Stopped { t, message: e.describe(model) }
+    }
+}

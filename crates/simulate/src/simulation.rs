@@ -1,0 +1,169 @@
+//! A simulation ready to run: mechanism, forces, start, method, and what is recorded.
+
+use crate::output::{KnownValue, Output};
+use phipsi_model::{Model, State};
+use phipsi_motion::forces::JointDissipation;
+use phipsi_motion::{Dynamics, Force, Method, System, Tolerances};
+use phipsi_recursion::DynamicsError;
+
+/// Tolerance where nothing else is said.
+pub const DEFAULT_TOLERANCE: f64 = 1e-9;
+
+/// Loosest tolerance at which the method of order 8 is cheaper than that of order 5 (notes on integrators, section 5).
+const LOOSE: f64 = 1e-4;
+
+/// Breaks per second above which steps are too short for a method of high order.
+const MANY_BREAKS: usize = 100;
+
+/// The integration method, and why it was chosen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Choice {
+    /// The method.
+    pub method: Method,
+    /// Why, for people.
+    pub why: String,
+}
+
+impl Choice {
+    /// `auto`: DOP853, or Tsit5 for loose tolerances and for forces with many breaks.
+    pub fn automatic(tolerances: Tolerances, breaks: usize) -> Self {
+        let tolerance = tolerances.rtol.max(tolerances.atol);
+        if tolerance >= LOOSE {
+            let why = format!("tolerance {tolerance:e} is loose: order 5 takes fewer evaluations than order 8");
+            Choice { method: Method::Tsit5, why }
+        } else if breaks > MANY_BREAKS {
+            let why = format!("forces break at {breaks} times: steps are short, order 5 restarts more cheaply");
+            Choice { method: Method::Tsit5, why }
+        } else {
+            let why = "smooth forces and a tolerance below 1e-4: order 8 takes fewest evaluations".into();
+            Choice { method: Method::Dop853, why }
+        }
+    }
+    /// A method that the user asked for.
+    pub fn asked(method: Method) -> Self {
+        Choice { method, why: "asked for".into() }
+    }
+}
+
+/// The name of a method in scenes and reports.
+pub fn method_name(method: Method) -> &'static str {
+    match method {
+        Method::Dop853 => "dop853",
+        Method::Tsit5 => "tsit5",
+        Method::Rk4 { .. } => "rk4",
+    }
+}
+
+/// Everything that a run needs. Made from a scene file ([`crate::scene::load`]) or from a model in memory.
+///
+/// ```
+/// use phipsi_model::{Body, Inertia, Joint, JointKind, ModelBuilder};
+/// use phipsi_simulate::{Recording, Simulation, run};
+/// let rod = Inertia::from_principal(1.0, [0.5, 0.0, 0.0], [0.0, 1.0 / 12.0, 1.0 / 12.0]);
+/// let model = ModelBuilder::new("pendulum")
+///     .body(Body::new("rod", rod))
+///     .joint(Joint::new("hinge", JointKind::Revolute { axis: [0.0, 1.0, 0.0] }), "world", "rod")
+///     .build()?;
+/// let mut simulation = Simulation::new(&model, Vec::new(), 2.0)?;
+/// let mut recording = Recording::default();
+/// let summary = run(&mut simulation, &mut recording)?;
+/// assert!(summary.energy_error < 1e-9);
+/// assert!(summary.error_estimate.unwrap().q.unwrap() < 1e-8);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct Simulation {
+    /// Name of the scene.
+    pub name: String,
+    /// Mechanism and forces.
+    pub dynamics: Dynamics,
+    /// State at the start.
+    pub start: State,
+    /// Method.
+    pub choice: Choice,
+    /// Error control.
+    pub tolerances: Tolerances,
+    /// End.
+    pub t_end: f64,
+    /// Whether the error at the end is estimated.
+    pub estimate: bool,
+    /// Interval of the recorded samples.
+    pub every: f64,
+    /// Named numbers.
+    pub outputs: Vec<Output>,
+    /// Their known values at the end.
+    pub known: Vec<KnownValue>,
+    /// Where the known values come from.
+    pub known_source: Option<String>,
+    /// What was replaced by something simpler, for people.
+    pub approximated: Vec<String>,
+}
+
+impl Simulation {
+    /// From a model at its neutral state under `forces`, its joints' damping and friction included.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Closure`] if the model has closures.
+    pub fn new(model: &Model, forces: Vec<Box<dyn Force>>, t_end: f64) -> Result<Self, DynamicsError> {
+        Self::with_friction_speed(model, forces, t_end, JointDissipation::SPEED)
+    }
+    /// The same with dry friction regularised at a given speed, rad/s or m/s.
+    ///
+    /// # Errors
+    /// As [`Simulation::new`].
+    pub fn with_friction_speed(
+        model: &Model,
+        mut forces: Vec<Box<dyn Force>>,
+        t_end: f64,
+        speed: f64,
+    ) -> Result<Self, DynamicsError> {
+        let mut approximated = Vec::new();
+        if let Some(force) = JointDissipation::new(model, speed) {
+            if force.has_friction() {
+                approximated.push(format!(
+                    "dry friction of joints is regularised: −f tanh(v/s) with s = {speed} rad/s or m/s; \
+                     below that speed joints creep instead of sticking"
+                ));
+            }
+            forces.push(Box::new(force));
+        }
+        let dynamics = Dynamics::new(model, forces)?;
+        let tolerances = Tolerances::new(DEFAULT_TOLERANCE);
+        let breaks = dynamics.breaks().len();
+        Ok(Simulation {
+            name: model.name().into(),
+            start: State { q: model.neutral(), v: vec![0.0; model.nv()], t: 0.0 },
+            choice: Choice::automatic(tolerances, breaks),
+            tolerances,
+            t_end,
+            estimate: true,
+            every: t_end / 200.0,
+            outputs: Vec::new(),
+            known: Vec::new(),
+            known_source: None,
+            approximated,
+            dynamics,
+        })
+    }
+    /// The mechanism.
+    pub fn model(&self) -> &Model {
+        self.dynamics.model()
+    }
+    /// Number of recorded samples, the start and the end included.
+    pub fn samples(&self) -> u64 {
+        let span = (self.t_end - self.start.t) / self.every;
+        // A last interval of less than a millionth is rounding, not a sample of its own.
+        (span - 1e-6).max(0.0).ceil() as u64 + 1
+    }
+    /// Time of the k-th recorded sample.
+    pub fn sample_time(&self, k: u64) -> f64 {
+        if k + 1 >= self.samples() { self.t_end } else { self.start.t + k as f64 * self.every }
+    }
+    /// What the plan leaves out, for people.
+    pub fn left_out(&self) -> Vec<String> {
+        let mut lines = self.dynamics.plan().left_out();
+        if !self.estimate {
+            lines.push("estimate of the error at the end: estimate = false".into());
+        }
+        lines
+    }
+}
