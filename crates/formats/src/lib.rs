@@ -16,7 +16,7 @@
 //! let (model, report) = read_urdf(text, "pendulum.urdf", &UrdfOptions::default()).into_result(true)?;
 //! assert_eq!(model.nv(), 1);
 //! assert!(report.ignored.is_empty());
-//! # Ok::<(), phipsi_formats::Report>(())
+//! # Ok::<(), Box<phipsi_formats::Report>>(())
 //! ```
 
 pub mod report;

@@ -63,10 +63,10 @@ impl<T> Loaded<T> {
     ///
     /// # Errors
     /// The report, if it has errors, or warnings where `strict`.
-    pub fn into_result(self, strict: bool) -> Result<(T, Report), Report> {
+    pub fn into_result(self, strict: bool) -> Result<(T, Report), Box<Report>> {
         match self.value {
             Some(value) if self.report.is_ok(strict) => Ok((value, self.report)),
-            _ => Err(self.report),
+            _ => Err(Box::new(self.report)),
         }
     }
 }
@@ -78,7 +78,7 @@ impl Report {
     }
     /// True if there are no errors and, where `strict`, no warnings.
     pub fn is_ok(&self, strict: bool) -> bool {
-        self.errors.is_empty() && !(strict && !self.warnings.is_empty())
+        self.errors.is_empty() && (!strict || self.warnings.is_empty())
     }
 }
 
