@@ -1,0 +1,133 @@
+//! How much a result answers to relative changes of its inputs: the κ in budgets n·ε·κ.
+
+use crate::generate::Case;
+use phipsi_model::{Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random};
+use phipsi_spatial::{Dd, Vec3, Wrench};
+
+/// Size of the perturbations. Results are computed in double-double numbers, so that their differences keep 15 digits
+/// and only the second order, 1e-8 of the first, is lost.
+pub const STEP: f64 = 1e-8;
+
+/// For every component of `result`: the largest |change| over a few random perturbations of relative size ε = 1, and at
+/// least the component's own size.
+///
+/// Perturbed are masses, moments, lengths, pitches, gravity, q, v, a, τ and wrenches by their own size, placements'
+/// rotations and quaternions by one, angles by the larger of one and their size: the rounding of a rotation matrix.
+pub fn sensitivity(
+    case: &Case,
+    samples: usize,
+    seed: u64,
+    result: impl Fn(&Case) -> Vec<Dd>,
+) -> (Vec<Dd>, Vec<f64>) {
+    let exact = result(case);
+    let mut size: Vec<f64> = exact.iter().map(|x| x.hi.abs()).collect();
+    let mut random = Random::new(seed);
+    for _ in 0..samples {
+        let changed = result(&perturbed(case, &mut random, STEP));
+        for ((size, x), y) in size.iter_mut().zip(&exact).zip(&changed) {
+            *size = size.max((*y - *x).hi.abs() / STEP);
+        }
+    }
+    (exact, size)
+}
+
+/// The case with all numbers changed by parts of at most `step`.
+pub fn perturbed(case: &Case, random: &mut Random, step: f64) -> Case {
+    let model = perturbed_model(&case.model, random, step);
+    let mut change = |x: &f64| x * (1.0 + step * random.signed());
+    let (v, a) = (case.v.iter().map(&mut change).collect(), case.a.iter().map(&mut change).collect());
+    let tau = case.tau.iter().map(&mut change).collect();
+    let wrenches = case
+        .wrenches
+        .iter()
+        .map(|w| {
+            let (moment, force) = (vector(w.moment.0, random, step), vector(w.force.0, random, step));
+            Wrench::new(Vec3(moment), Vec3(force))
+        })
+        .collect();
+    let q = perturbed_configuration(&case.model, &case.q, random, step);
+    let point = Vec3(vector(case.point.0, random, step));
+    Case { model, q, v, a, tau, wrenches, body: case.body, point }
+}
+
+fn perturbed_configuration(model: &Model, q: &[f64], random: &mut Random, step: f64) -> Vec<f64> {
+    let mut out = q.to_vec();
+    for (k, joint) in model.joints().iter().enumerate() {
+        for (i, at) in model.q_range(k).enumerate() {
+            let size = match joint.kind {
+                JointKind::Spherical => 1.0,
+                JointKind::Free if i >= 3 => 1.0,
+                JointKind::Planar { .. } if i < 2 => q[at].abs(),
+                JointKind::Planar { .. } => q[at].abs().max(1.0),
+                JointKind::Free => q[at].abs(),
+                kind if kind.is_rotation(i) => q[at].abs().max(1.0),
+                _ => q[at].abs(),
+            };
+            out[at] += size * step * random.signed();
+        }
+    }
+    out
+}
+
+/// The vector with a change of a part of its length in every component.
+fn vector<const N: usize>(x: [f64; N], random: &mut Random, step: f64) -> [f64; N] {
+    let size = x.iter().map(|x| x * x).sum::<f64>().sqrt();
+    x.map(|x| x + size * step * random.signed())
+}
+
+fn placement(x: Placement, random: &mut Random, step: f64) -> Placement {
+    Placement { translation: vector(x.translation, random, step), rotation: vector(x.rotation, random, step) }
+}
+
+/// The model with all numbers changed by parts of at most `step`; names, order and zeros stay.
+pub fn perturbed_model(model: &Model, random: &mut Random, step: f64) -> Model {
+    let gravity = vector(model.gravity(), random, step);
+    let mut builder = ModelBuilder::new(model.name()).gravity(gravity);
+    for (k, joint) in model.joints().iter().enumerate() {
+        let body = &model.bodies()[k];
+        let Inertia { mass, frame, tensor } = body.inertia;
+        let inertia = Inertia {
+            mass: mass * (1.0 + step * random.signed()),
+            frame: placement(frame, random, step),
+            tensor: vector(tensor, random, step),
+        };
+        // The direction of a single axis changes with the placement's rotation.
+        let kind = match joint.kind {
+            JointKind::Helical { axis, pitch } => {
+                JointKind::Helical { axis, pitch: pitch * (1.0 + step * random.signed()) }
+            }
+            JointKind::Universal { axes } => {
+                JointKind::Universal { axes: axes.map(|axis| vector(axis, random, step)) }
+            }
+            kind => kind,
+        };
+        let moved = Joint::new(joint.name.as_str(), kind).at(placement(joint.placement, random, step));
+        let parent = model.tree().parent(k).map_or("world".into(), |p| model.bodies()[p].name.clone());
+        builder =
+            builder.body(Body::new(body.name.as_str(), inertia)).joint(moved, parent, body.name.as_str());
+    }
+    builder.build().expect("a small change leaves a model valid")
+}
+
+/// The state of the case in double-double numbers.
+pub fn widened(x: &[f64]) -> Vec<Dd> {
+    x.iter().map(|&x| Dd::from_f64(x)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::case;
+
+    #[test]
+    fn a_perturbed_model_keeps_its_order() {
+        for seed in 0..50 {
+            let case = case(seed);
+            let other = perturbed_model(&case.model, &mut Random::new(seed), STEP);
+            assert_eq!(case.model.tree(), other.tree());
+            let names = |m: &Model| m.joints().iter().map(|j| j.name.clone()).collect::<Vec<_>>();
+            assert_eq!(names(&case.model), names(&other));
+            assert_ne!(case.model, other);
+        }
+    }
+}
