@@ -19,10 +19,12 @@
 //! # Ok::<(), Box<phipsi_formats::Report>>(())
 //! ```
 
+mod joint_kind;
 pub mod report;
 mod suggest;
 pub mod urdf;
 mod xml;
 
+pub use joint_kind::{JointKindError, is_extension, joint_kind};
 pub use report::{Loaded, Note, Problem, Report};
 pub use suggest::nearest;

@@ -32,9 +32,7 @@ mod reader;
 use crate::report::{Loaded, Problem, Report};
 use crate::suggest::quote;
 use crate::xml;
-use phipsi_model::{
-    Base, Body, Coupling, Joint, JointKind, Model, ModelBuilder, Severity, Subject, Violation,
-};
+use phipsi_model::{Base, Body, Coupling, Joint, Model, ModelBuilder, Severity, Subject, Violation};
 use reader::{Element, Reader};
 use std::collections::{BTreeMap, HashMap};
 use std::io::Read as _;
@@ -353,16 +351,4 @@ fn couple(
     }
     reader.used(at, format!("mimic of joint `{source}`, a coupling"));
     builder.coupling(coupling.clone())
-}
-
-/// True for the joint types that are not URDF's own.
-pub fn is_extension(kind: &JointKind) -> bool {
-    matches!(
-        kind,
-        JointKind::Helical { .. }
-            | JointKind::Cylindrical { .. }
-            | JointKind::Universal { .. }
-            | JointKind::Translation
-            | JointKind::Spherical
-    )
 }

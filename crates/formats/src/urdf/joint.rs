@@ -1,40 +1,9 @@
 //! `<joint>`: how a link moves against its parent.
 
 use super::reader::{Element, Reader};
-use crate::suggest::{nearest, quote};
+use crate::{JointKindError, is_extension, joint_kind};
 use phipsi_model::{Coupling, Joint, JointKind, Limits};
 use roxmltree::Node;
-
-/// The joint types, URDF's first, then the extension.
-const TYPES: [&str; 11] = [
-    "revolute",
-    "continuous",
-    "prismatic",
-    "fixed",
-    "floating",
-    "planar",
-    "helical",
-    "cylindrical",
-    "universal",
-    "spherical",
-    "translation",
-];
-/// How many of [`TYPES`] are URDF's own.
-const OWN: usize = 6;
-
-/// Words of other programs for the same joints.
-const SYNONYMS: [(&str, &str); 10] = [
-    ("ball", "spherical"),
-    ("free", "floating"),
-    ("gearbox", "revolute"),
-    ("hinge", "revolute"),
-    ("screw", "helical"),
-    ("slide", "prismatic"),
-    ("slider", "prismatic"),
-    ("translational", "translation"),
-    ("revolute2", "universal"),
-    ("weld", "fixed"),
-];
 
 /// Elements of a joint without effect on the dynamics.
 const IGNORED: [(&str, &str); 4] = [
@@ -76,99 +45,56 @@ pub(super) fn read<'a>(reader: &mut Reader, at: &Element<'a>, name: &str) -> Rea
 /// The joint's type with its axes.
 fn kind<'a>(reader: &mut Reader, at: &Element<'a>, children: &[Node<'a, 'a>]) -> Option<JointKind> {
     let word = reader.text(at, "type");
-    let axis_element = reader.only(at, children, "axis");
-    let second_element = reader.only(at, children, "axis2");
-    let word = word?;
-    let Some(position) = TYPES.iter().position(|t| *t == word) else {
-        let lower = word.to_ascii_lowercase();
-        let known = SYNONYMS.iter().find(|(other, _)| *other == lower).map(|(_, ours)| *ours);
-        let to_do = match known.or_else(|| nearest(word, TYPES)) {
-            Some(guess) => format!("did you mean `{guess}`?"),
-            None => format!("use one of {}", TYPES.join(", ")),
-        };
-        reader.error(at, format!("joint type {}", quote(word)), "a joint type", &to_do);
-        return None;
-    };
-    if position >= OWN {
-        reader.used(at, format!("joint type `{word}`, an extension of URDF"));
-    }
-    if let Some(element) = &axis_element {
-        let known: &[&str] = if word == "helical" { &["xyz", "pitch"] } else { &["xyz"] };
+    let [first, second] = ["axis", "axis2"].map(|name| reader.only(at, children, name));
+    for (element, known) in [(&first, &["xyz", "pitch"][..]), (&second, &["xyz"])] {
+        let Some(element) = element else { continue };
         reader.check_attributes(element, known);
         reader.children(element, &[], &[]);
     }
-    if let Some(element) = &second_element {
-        reader.check_attributes(element, &["xyz"]);
-        reader.children(element, &[], &[]);
-        if word != "universal" {
-            reader.ignored(element, format!("axis2 of a {word} joint"));
-        }
-    }
-    let without_axis = match word {
-        "fixed" => Some(JointKind::Fixed),
-        "floating" => Some(JointKind::Free),
-        "spherical" => Some(JointKind::Spherical),
-        "translation" => Some(JointKind::Translation),
-        _ => None,
+    let given = |element: &Option<Element<'a>>, name| {
+        element.as_ref().filter(|e| e.node.has_attribute(name)).cloned()
     };
-    if without_axis.is_some() {
-        if let Some(element) = &axis_element {
-            reader.ignored(element, format!("axis of a {word} joint"));
+    let [axis_at, axis2_at] = [given(&first, "xyz"), given(&second, "xyz")];
+    let pitch_at = given(&first, "pitch");
+    let [axis, axis2] = [&axis_at, &axis2_at].map(|e| e.as_ref().map(|e| reader.numbers(e, "xyz")));
+    let pitch = pitch_at.as_ref().map(|e| reader.number(e, "pitch"));
+    // What is given but cannot be read has been reported; a stand-in keeps it from being reported as missing too.
+    let kind = joint_kind(
+        word?,
+        axis.map(|a| a.unwrap_or([1.0, 0.0, 0.0])),
+        axis2.map(|a| a.unwrap_or([0.0; 3])),
+        pitch.map(|p| p.unwrap_or(0.0)),
+    );
+    let kind = match kind {
+        Ok(kind) => kind,
+        Err(JointKindError { found, required, remedy }) => {
+            reader.error(at, found, &required, &remedy);
+            return None;
         }
-        return without_axis;
+    };
+    let word = kind.word();
+    if is_extension(&kind) {
+        reader.used(at, format!("joint type `{word}`, an extension of URDF"));
     }
-    let axis = axis(reader, at, axis_element.as_ref());
-    Some(match word {
-        "revolute" => JointKind::Revolute { axis: axis? },
-        "continuous" => JointKind::Continuous { axis: axis? },
-        "prismatic" => JointKind::Prismatic { axis: axis? },
-        "cylindrical" => JointKind::Cylindrical { axis: axis? },
-        "planar" => JointKind::Planar { normal: axis? },
-        "helical" => {
-            let pitch = match &axis_element {
-                Some(element) => reader.required_number(element, "pitch"),
-                None => {
-                    let to_do = "add <axis xyz=\"…\" pitch=\"…\"/>";
-                    reader.error(at, "a helical joint without <axis>", "a pitch in m/rad", to_do);
-                    None
-                }
-            };
-            JointKind::Helical { axis: axis?, pitch: pitch? }
-        }
-        _ => {
-            let second = match &second_element {
-                Some(element) => match element.node.has_attribute("xyz") {
-                    true => reader.numbers(element, "xyz"),
-                    false => {
-                        reader.error(
-                            element,
-                            "no attribute `xyz` in <axis2>",
-                            "three numbers",
-                            "add xyz=\"…\"",
-                        );
-                        None
-                    }
-                },
-                None => {
-                    let to_do = "add <axis2 xyz=\"…\"/>";
-                    reader.error(at, "a universal joint without <axis2>", "two axes", to_do);
-                    None
-                }
-            };
-            JointKind::Universal { axes: [axis?, second?] }
-        }
-    })
-}
-
-/// The axis, or URDF's default.
-fn axis(reader: &mut Reader, at: &Element<'_>, element: Option<&Element<'_>>) -> Option<[f64; 3]> {
-    match element {
-        Some(element) if element.node.has_attribute("xyz") => reader.numbers(element, "xyz"),
-        _ => {
-            reader.used(at, "no axis: URDF's default (1, 0, 0)");
-            Some([1.0, 0.0, 0.0])
+    let axes = kind.axes().len();
+    if axes > 0 && axis.is_none() {
+        reader.used(at, "no axis: URDF's default (1, 0, 0)");
+    }
+    for (element, used) in [(&first, axes > 0), (&second, axes > 1)] {
+        if let Some(element) = element
+            && !used
+        {
+            reader.ignored(element, format!("{} of a {word} joint", element.tag()));
         }
     }
+    let screw = matches!(kind, JointKind::Helical { .. });
+    if let Some(element) = pitch_at.as_ref().filter(|_| !screw) {
+        reader.ignored(element, format!("pitch of a {word} joint"));
+    }
+    let unreadable = (axes > 0 && axis == Some(None))
+        || (axes > 1 && axis2 == Some(None))
+        || (screw && pitch == Some(None));
+    (!unreadable).then_some(kind)
 }
 
 /// Damping and friction.
