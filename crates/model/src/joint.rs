@@ -158,16 +158,14 @@ impl JointKind {
 pub fn rotation_from_z<T: Real>(a: Vec3<T>) -> Mat3<T> {
     let a = a.scale(a.norm().recip());
     let [x, y, z] = a.0;
-    let one = T::one();
-    // Shorter of two charts, so that 1 + |z| never cancels.
-    if z > T::zero() || (x == T::zero() && y == T::zero() && z == one) {
-        let s = (one + z).recip();
-        Mat3([[one - x * x * s, -(x * y * s), x], [-(x * y * s), one - y * y * s, y], [-x, -y, z]])
-    } else {
-        // Half a turn about x first (z → −z), then the shortest rotation from −z.
-        let s = (one - z).recip();
-        Mat3([[one - x * x * s, x * y * s, x], [-(x * y * s), y * y * s - one, y], [x, -y, z]])
+    let (zero, one) = (T::zero(), T::one());
+    let square = x * x + y * y;
+    if square == zero && z < zero {
+        return Mat3([[one, zero, zero], [zero, -one, zero], [zero, zero, -one]]);
     }
+    // 1/(1 + z), by (1 − z)/(x² + y²) where 1 + z cancels.
+    let s = if z < zero { (one - z) / square } else { (one + z).recip() };
+    Mat3([[one - x * x * s, -(x * y * s), x], [-(x * y * s), one - y * y * s, y], [-x, -y, z]])
 }
 
 /// Limits as the user gave them; `None` where there is none.
