@@ -19,12 +19,14 @@
 //! # Ok::<(), Box<phipsi_formats::Report>>(())
 //! ```
 
+pub mod expression;
 mod joint_kind;
 pub mod report;
 mod suggest;
 pub mod urdf;
 mod xml;
 
+pub use expression::{Expression, ExpressionError};
 pub use joint_kind::{JointKindError, is_extension, joint_kind};
 pub use report::{Loaded, Note, Problem, Report};
 pub use suggest::nearest;

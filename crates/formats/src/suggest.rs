@@ -16,10 +16,12 @@ pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
         return None;
     }
     let lower = word.to_lowercase();
-    let allowed = 1.max(lower.chars().count() / 3);
+    let letters = lower.chars().count();
+    let allowed = 1.max(letters / 3);
     known
         .into_iter()
-        .filter(|k| k.len() <= LONGEST)
+        // The distance is at least the difference of the lengths.
+        .filter(|k| k.len() <= LONGEST && k.chars().count().abs_diff(letters) <= allowed)
         .map(|k| (strsim::damerau_levenshtein(&lower, &k.to_lowercase()), k))
         .filter(|&(distance, _)| distance <= allowed)
         .min_by_key(|&(distance, _)| distance)
