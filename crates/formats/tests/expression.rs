@@ -180,7 +180,7 @@ fn errors_name_the_column_and_a_remedy() {
         ("x=2", 2, "`=`", "write definitions after the expression: a*b; a = 2"),
         ("a; 2", 4, "\"2\" after `;`", "give it a name"),
         ("a; a b=2", 4, "\"a b\" left of `=`", "begin the definition with the name that it defines"),
-        ("a; =2", 5, "\"\" left of `=`", "begin the definition with the name that it defines"),
+        ("a; =2", 4, "\"\" left of `=`", "begin the definition with the name that it defines"),
         ("y + μμ", 5, "unknown name \"μμ\"", "correct it, or define it: …; μμ = …"),
         // The last definition is read first.
         ("(y;x=1)", 7, "`)`", "remove it, or open it before"),
