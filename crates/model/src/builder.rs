@@ -1,6 +1,7 @@
 //! From bodies and joints with names to a validated [`Model`].
 
 use crate::model::{Body, Coupling, Model};
+use crate::nearest_inertia::{as_attributes, nearest_inertia};
 use crate::violation::{ModelErrors, Severity, Subject, Violation};
 use crate::{Inertia, Joint, JointKind};
 use nalgebra::Matrix3;
@@ -106,6 +107,7 @@ impl ModelBuilder {
     }
 
     fn check_structure(&self, found: &mut Vec<Violation>) {
+        let before = found.len();
         let error = |subject, what: String, required: &str, remedy: &str| {
             Violation::error(subject, what, required, remedy)
         };
@@ -194,13 +196,15 @@ impl ModelBuilder {
                 ));
             }
         }
-        if found.iter().any(|v| v.severity == Severity::Error) {
+        // Numbers that are wrong do not keep the tree from being looked at; missing or doubled names do.
+        if found[before..].iter().any(|v| v.severity == Severity::Error) {
             return;
         }
         let roots: Vec<usize> = (0..self.bodies.len()).filter(|&i| inboard[i].is_none()).collect();
         if roots.len() > 1 {
             let names: Vec<&str> = roots.iter().take(5).map(|&i| self.bodies[i].name.as_str()).collect();
-            let what = format!("{} bodies without an inboard joint: {}…", roots.len(), names.join(", "));
+            let more = if roots.len() > names.len() { ", …" } else { "" };
+            let what = format!("{} bodies without an inboard joint: {}{more}", roots.len(), names.join(", "));
             found.push(error(
                 Subject::Model,
                 what,
@@ -338,16 +342,21 @@ fn check_inertia(body: &Body, found: &mut Vec<Violation>) {
     }
     if small < -slack {
         let what = format!("principal moments {small:.6e}, {middle:.6e}, {large:.6e} kg·m²");
-        let remedy = "check signs of the products of inertia and the axes of the inertial frame";
+        let remedy = with_nearest("check the signs and the axes of the inertial frame", tensor);
         found.push(Violation::error(subject(), what, "all principal moments ≥ 0", remedy));
     } else if small + middle < large - slack {
         let what = format!("principal moments {small:.6e} + {middle:.6e} < {large:.6e} kg·m²");
-        let remedy = format!(
-            "no mass distribution has this inertia; the nearest that has: largest moment {:.6e}",
-            small + middle
-        );
+        let remedy = with_nearest("no mass distribution has this inertia", tensor);
         let required = "triangle inequality: the largest principal moment is at most the sum of the others";
         found.push(Violation::error(subject(), what, required, remedy).as_warning());
+    }
+}
+
+/// Advice, with the nearest inertia that a body can have.
+fn with_nearest(advice: &str, tensor: [f64; 6]) -> String {
+    match nearest_inertia(tensor) {
+        Some(nearest) => format!("{advice}; the nearest that a body can have: {}", as_attributes(nearest)),
+        None => advice.into(),
     }
 }
 

@@ -18,6 +18,7 @@ pub mod builder;
 pub mod configuration;
 pub mod joint;
 pub mod model;
+mod nearest_inertia;
 pub mod random;
 pub mod state;
 pub mod violation;
