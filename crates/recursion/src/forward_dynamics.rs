@@ -4,14 +4,16 @@
 //!
 //! | symbol | meaning | source |
 //! |---|---|---|
-//! | V | spatial velocity, body axes | paper 2 (3.7) |
-//! | a | crm(V) H* v, Coriolis acceleration (missing from paper 1's boundary-value problem) | soa.md 3.0, 4 |
-//! | b | V~ M V − w, gyroscopic force less the external wrench | soa.md 3.0 |
+//! | ω | angular velocity, body axes | paper 2 (3.7) |
+//! | a | Coriolis acceleration (missing from paper 1's boundary-value problem): [`crate::kinematics`] | soa.md 3.0, 4 |
+//! | c | (0, δω × δv), in the range of H*: sweeps work with θ̈ + c, so that a free body's speed stays out of its moments | |
+//! | b | (ω × J ω, ω × (ω × h)) − w, gyroscopic force less the external wrench | soa.md 3.0 |
 //! | α, α⁺ | acceleration of the body, and of its inboard side φ*α(p); α(ground) = (0, −g) | paper 1 (9.12)–(9.14) |
 
 use crate::articulated_sweep::{Pivot, eliminate, filter, smooth};
 use crate::error::{DynamicsError, check_length};
 use crate::inverse_dynamics::inverse_dynamics;
+use crate::kinematics::coriolis;
 use crate::layout::{GROUND, Layout};
 use crate::mass_matrix::composite_inertias;
 use phipsi_spatial::{ArticulatedInertia, Motion, Real, RigidInertia, Scalar, Transform, Vec3, Wrench};
@@ -20,7 +22,7 @@ use phipsi_spatial::{ArticulatedInertia, Motion, Real, RigidInertia, Scalar, Tra
 #[derive(Clone, Debug)]
 pub struct ForwardDynamics<T> {
     hinge: Vec<Transform<T>>,
-    velocity: Vec<Motion<T>>,
+    omega: Vec<Vec3<T>>,
     coriolis: Vec<Motion<T>>,
     inertia: Vec<ArticulatedInertia<T>>,
     bias: Vec<Wrench<T>>,
@@ -34,7 +36,7 @@ impl<T: Scalar> ForwardDynamics<T> {
         let n = layout.len();
         ForwardDynamics {
             hinge: vec![Transform::identity(); n],
-            velocity: vec![Motion::zero(); n],
+            omega: vec![Vec3::zero(); n],
             coriolis: vec![Motion::zero(); n],
             inertia: vec![ArticulatedInertia::zero(); n],
             bias: vec![Wrench::zero(); n],
@@ -81,7 +83,7 @@ impl<T: Scalar> ForwardDynamics<T> {
         layout.subtract_wrenches(wrenches, &mut self.bias);
         out.copy_from_slice(tau);
         self.sweep_inboard(layout, out)?;
-        self.sweep_outboard(layout, out);
+        self.sweep_outboard(layout, v, out);
         Ok(())
     }
 
@@ -90,15 +92,13 @@ impl<T: Scalar> ForwardDynamics<T> {
         for (k, body) in layout.bodies.iter().enumerate() {
             let x = body.hinge.transform(&body.placement, &q[body.q..]);
             let joint = body.hinge.expand(&v[body.v..]);
-            let V = match body.parent {
-                GROUND => joint,
-                p => x.motion_to_child(self.velocity[p]) + joint,
-            };
+            let inboard = if body.parent == GROUND { Vec3::zero() } else { self.omega[body.parent] };
+            let omega = x.rotation.transpose_mul(inboard) + joint.angular;
             let M = RigidInertia::constant(&body.inertia);
-            self.bias[k] = V.cross_wrench(M.momentum(V));
-            self.coriolis[k] = V.cross_motion(joint);
+            self.bias[k] = M.gyroscopic(omega);
+            self.coriolis[k] = coriolis(&x, inboard, omega, joint);
             self.inertia[k] = M.to_articulated();
-            (self.hinge[k], self.velocity[k]) = (x, V);
+            (self.hinge[k], self.omega[k]) = (x, omega);
         }
     }
 
@@ -127,13 +127,14 @@ impl<T: Scalar> ForwardDynamics<T> {
 
     /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after.
     #[inline(always)]
-    fn sweep_outboard(&mut self, layout: &Layout<T::Constant>, residuals: &mut [T]) {
+    fn sweep_outboard(&mut self, layout: &Layout<T::Constant>, v: &[T], residuals: &mut [T]) {
         let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity));
         for (k, body) in layout.bodies.iter().enumerate() {
             let dofs = body.v..body.v + body.hinge.nv();
             let inboard = if body.parent == GROUND { ground } else { self.alpha[body.parent] };
             let mut alpha = self.hinge[k].motion_to_child(inboard);
-            smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs]);
+            smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
+            body.hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
             self.alpha[k] = alpha + self.coriolis[k];
         }
     }

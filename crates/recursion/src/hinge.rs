@@ -73,6 +73,28 @@ impl<C: Copy> Hinge<C> {
             Hinge::Free => Motion::new(Vec3([x[0], x[1], x[2]]), Vec3([x[3], x[4], x[5]])),
         }
     }
+    /// c = (0, δω × δv) for (δω, δv) = H* v: what the turning of the child's axes adds to H* v̇. It lies in the range of H*,
+    /// and is not zero for planar and free joints only.
+    #[inline(always)]
+    pub fn turning<T: Scalar<Constant = C>>(&self, v: &[T]) -> Motion<T> {
+        match self {
+            Hinge::Planar | Hinge::Free => {
+                let joint = self.expand(v);
+                Motion::new(Vec3::zero(), joint.angular.cross(joint.linear))
+            }
+            _ => Motion::zero(),
+        }
+    }
+    /// a −= the components of c along the joint's axes.
+    #[inline(always)]
+    pub fn subtract_turning<T: Scalar<Constant = C>>(&self, v: &[T], a: &mut [T]) {
+        if matches!(self, Hinge::Planar | Hinge::Free) {
+            let c = self.turning(v);
+            for (a, &i) in a.iter_mut().zip(self.components()) {
+                *a -= c.get(i);
+            }
+        }
+    }
     /// The i-th axis: column i of H*.
     #[inline(always)]
     pub fn axis<T: Scalar<Constant = C>>(&self, i: usize) -> Motion<T> {

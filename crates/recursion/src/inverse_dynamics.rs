@@ -2,12 +2,14 @@
 //!
 //! | symbol | meaning | source |
 //! |---|---|---|
-//! | V, A | velocity and componentwise acceleration of a body, A(ground) = (0, −g) | soa.md 3.0 |
-//! | b | V~ M V, gyroscopic force | soa.md 3.0 |
-//! | f | M A + b − w + Σ φ(k,c) f(c), force across the joint | paper 1 (5.1), paper 2 (3.6) |
+//! | ω, α | angular velocity and inertial acceleration of a body, α(ground) = (0, −g) | soa.md 3.0 |
+//! | a, c | Coriolis accelerations: [`crate::kinematics`] | soa.md 3.0 |
+//! | b | (ω × J ω, ω × (ω × h)), gyroscopic force | soa.md 3.0 |
+//! | f | M α + b − w + Σ φ(k,c) f(c), force across the joint | paper 1 (5.1), paper 2 (3.6) |
 //! | T | H f, generalised force | paper 1 |
 
 use crate::error::{DynamicsError, check_length};
+use crate::kinematics::coriolis;
 use crate::layout::{GROUND, Layout};
 use phipsi_spatial::{Motion, Scalar, Transform, Vec3, Wrench};
 
@@ -15,7 +17,7 @@ use phipsi_spatial::{Motion, Scalar, Transform, Vec3, Wrench};
 #[derive(Clone, Debug)]
 pub struct InverseDynamics<T> {
     hinge: Vec<Transform<T>>,
-    velocity: Vec<Motion<T>>,
+    omega: Vec<Vec3<T>>,
     acceleration: Vec<Motion<T>>,
     force: Vec<Wrench<T>>,
 }
@@ -26,7 +28,7 @@ impl<T: Scalar> InverseDynamics<T> {
         let n = layout.len();
         InverseDynamics {
             hinge: vec![Transform::identity(); n],
-            velocity: vec![Motion::zero(); n],
+            omega: vec![Vec3::zero(); n],
             acceleration: vec![Motion::zero(); n],
             force: vec![Wrench::zero(); n],
         }
@@ -74,18 +76,19 @@ impl<T: Scalar> InverseDynamics<T> {
         for (k, body) in layout.bodies.iter().enumerate() {
             let x = body.hinge.transform(&body.placement, &q[body.q..]);
             let joint = body.hinge.expand(&v[body.v..]);
-            let (inboard_velocity, inboard_acceleration) = if body.parent == GROUND {
-                (Motion::zero(), ground)
+            let (inboard, inboard_acceleration) = if body.parent == GROUND {
+                (Vec3::zero(), ground)
             } else {
-                (self.velocity[body.parent], self.acceleration[body.parent])
+                (self.omega[body.parent], self.acceleration[body.parent])
             };
-            let V = x.motion_to_child(inboard_velocity) + joint;
-            let A = x.motion_to_child(inboard_acceleration)
+            let omega = x.rotation.transpose_mul(inboard) + joint.angular;
+            let alpha = x.motion_to_child(inboard_acceleration)
                 + body.hinge.expand(&a[body.v..])
-                + V.cross_motion(joint);
+                + body.hinge.turning(&v[body.v..])
+                + coriolis(&x, inboard, omega, joint);
             let M = phipsi_spatial::RigidInertia::constant(&body.inertia);
-            self.force[k] = M.momentum(A) + V.cross_wrench(M.momentum(V));
-            (self.hinge[k], self.velocity[k], self.acceleration[k]) = (x, V, A);
+            self.force[k] = M.momentum(alpha) + M.gyroscopic(omega);
+            (self.hinge[k], self.omega[k], self.acceleration[k]) = (x, omega, alpha);
         }
     }
 

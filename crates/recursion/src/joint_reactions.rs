@@ -2,7 +2,7 @@
 //!
 //! | symbol | meaning | source |
 //! |---|---|---|
-//! | f(k) | M A + V~ M V − w + Σ φ(k,c) f(c): wrench on body k from its parent | paper 2 (3.6) |
+//! | f(k) | M α + b − w + Σ φ(k,c) f(c): wrench on body k from its parent | paper 2 (3.6) |
 
 use crate::error::{DynamicsError, check_length};
 use crate::kinematics::Kinematics;
@@ -42,14 +42,11 @@ pub fn joint_reactions<T: Scalar>(
     for k in 0..layout.model_bodies() {
         let inertia = phipsi_spatial::RigidInertia::constant(&layout.carriers[k].inertia);
         let r = kinematics.pose(layout, Some(k)).rotation;
-        let velocity = kinematics.velocity_in_body(layout, Some(k));
-        let alpha = kinematics.acceleration(layout, Some(k));
-        // Back to the componentwise acceleration in body axes, against free fall.
-        let spatial = Motion::new(
-            r.transpose_mul(alpha.angular),
-            r.transpose_mul(alpha.linear - gravity) - velocity.angular.cross(velocity.linear),
-        );
-        let mut f = inertia.momentum(spatial) + velocity.cross_wrench(inertia.momentum(velocity));
+        let omega = kinematics.velocity_in_body(layout, Some(k)).angular;
+        // Against free fall.
+        let weightless = Motion::new(Vec3::zero(), r.transpose_mul(gravity));
+        let alpha = kinematics.acceleration_in_body(layout, Some(k)) - weightless;
+        let mut f = inertia.momentum(alpha) + inertia.gyroscopic(omega);
         if let Some(wrenches) = wrenches {
             f -= wrenches[k];
         }

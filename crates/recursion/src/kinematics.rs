@@ -4,12 +4,36 @@
 //! |---|---|---|---|
 //! | X(k) | pose of body k in its parent | | soa.md 3.0 |
 //! | V(k) | φ*(p,k) V(p) + H* v, spatial velocity | body, rad/s and m/s | paper 2 (3.7) |
-//! | A(k) | φ*(p,k) A(p) + H* v̇ + crm(V) H* v, componentwise rate of V in body axes | body | soa.md 3.0 |
-//! | α(k) | inertial derivative of (ω, velocity of the origin) = A + (0, ω × v) | | papers |
+//! | α(k) | φ*(p,k) α(p) + H* v̇ + c(k) + a(k), inertial derivative of (ω, velocity of the origin) | body | papers |
+//! | a(k), c(k) | (ω_p × δω, ω_p × (ω_p × l) + 2 ω_p × δv), (0, δω × δv), with (δω, δv) = H* v | body | soa.md 3.0 |
+//!
+//! Of the two pairs of soa.md 3.0 this is the papers' own. The other one, the componentwise rate of V, contains products
+//! v × ω of the bodies' speed: error ε |v| |ω|, where here only speeds relative to the parent enter.
 
 use crate::error::{DynamicsError, check_length};
 use crate::layout::{GROUND, Layout};
 use phipsi_spatial::{Motion, Scalar, Transform, Vec3};
+
+/// a(k) of a body with pose `x` in its parent, whose angular velocity is `inboard` in the parent's axes and `own` in the
+/// child's; `joint` is H* v, and `own` = Rᵀ `inboard` + δω.
+#[inline(always)]
+pub(crate) fn coriolis<T: Scalar>(
+    x: &Transform<T>,
+    inboard: Vec3<T>,
+    own: Vec3<T>,
+    joint: Motion<T>,
+) -> Motion<T> {
+    let carried = own - joint.angular;
+    let centripetal = x.rotation.transpose_mul(inboard.cross(inboard.cross(x.translation)));
+    Motion::new(carried.cross(joint.angular), centripetal + (carried + carried).cross(joint.linear))
+}
+
+/// α of a frame fixed to a body, whose pose in the body's frame is `x`.
+#[inline(always)]
+fn carried_acceleration<T: Scalar>(x: &Transform<T>, omega: Vec3<T>, alpha: Motion<T>) -> Motion<T> {
+    let centripetal = Motion::new(Vec3::zero(), omega.cross(omega.cross(x.translation)));
+    x.motion_to_child(alpha + centripetal)
+}
 
 /// Poses, velocities and accelerations of all bodies, base to tip.
 #[derive(Clone, Debug)]
@@ -65,7 +89,7 @@ impl<T: Scalar> Kinematics<T> {
         }
         Ok(())
     }
-    /// Computes accelerations, at the poses and velocities set before; no gravity. `v`, `a`: nv.
+    /// Computes accelerations α, at the poses and velocities set before; no gravity. `v`, `a`: nv.
     ///
     /// # Errors
     /// [`DynamicsError::Shape`].
@@ -79,12 +103,15 @@ impl<T: Scalar> Kinematics<T> {
         check_length("a", a, layout.nv())?;
         for (k, body) in layout.bodies.iter().enumerate() {
             let joint = body.hinge.expand(&v[body.v..]);
-            let own = body.hinge.expand(&a[body.v..]) + self.velocity[k].cross_motion(joint);
-            self.acceleration[k] = if body.parent == GROUND {
-                own
+            let (inboard, carried) = if body.parent == GROUND {
+                (Vec3::zero(), Motion::zero())
             } else {
-                self.hinge[k].motion_to_child(self.acceleration[body.parent]) + own
+                let carried = self.hinge[k].motion_to_child(self.acceleration[body.parent]);
+                (self.velocity[body.parent].angular, carried)
             };
+            let coriolis = coriolis(&self.hinge[k], inboard, self.velocity[k].angular, joint);
+            let relative = body.hinge.expand(&a[body.v..]) + body.hinge.turning(&v[body.v..]);
+            self.acceleration[k] = carried + relative + coriolis;
         }
         Ok(())
     }
@@ -112,13 +139,19 @@ impl<T: Scalar> Kinematics<T> {
     }
     /// The papers' α of a body of the model, world axes: inertial rates of ω and of the velocity of its origin.
     pub fn acceleration(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Motion<T> {
-        let Some(c) = body.map(|b| &layout.carriers[b]).filter(|c| c.body != GROUND) else {
-            return Motion::zero();
-        };
-        let x = Transform::constant(&c.pose);
-        let (v, a) = (x.motion_to_child(self.velocity[c.body]), x.motion_to_child(self.acceleration[c.body]));
+        let a = self.acceleration_in_body(layout, body);
         let r = self.pose(layout, body).rotation;
-        Motion::new(r * a.angular, r * spatial_to_inertial(v, a).linear)
+        Motion::new(r * a.angular, r * a.linear)
+    }
+    /// α of a body of the model, in its own axes.
+    pub fn acceleration_in_body(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Motion<T> {
+        match body.map(|b| &layout.carriers[b]) {
+            Some(c) if c.body != GROUND => {
+                let omega = self.velocity[c.body].angular;
+                carried_acceleration(&Transform::constant(&c.pose), omega, self.acceleration[c.body])
+            }
+            _ => Motion::zero(),
+        }
     }
 }
 

@@ -54,6 +54,13 @@ impl<T: Scalar> RigidInertia<T> {
             v.linear.scale(self.mass) - self.first_moment.cross(v.angular),
         )
     }
+    /// (ω × J ω, ω × (ω × h)): with M α, α the inertial acceleration of the frame's origin, the rate of momentum about it.
+    ///
+    /// No velocity of the origin enters, so that a common velocity of all bodies costs no digits.
+    #[inline(always)]
+    pub fn gyroscopic(&self, omega: Vec3<T>) -> Wrench<T> {
+        Wrench::new(omega.cross(self.inertia * omega), omega.cross(omega.cross(self.first_moment)))
+    }
     /// The same inertia as an articulated one.
     #[inline(always)]
     pub fn to_articulated(&self) -> ArticulatedInertia<T> {

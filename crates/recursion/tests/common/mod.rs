@@ -1,0 +1,110 @@
+//! Seeds and budgets that several tests share.
+#![allow(dead_code)] // each test binary uses its own part
+
+use phipsi_recursion::{DynamicsError, Layout};
+use phipsi_reference::generate::{Case, case};
+use phipsi_reference::sensitivity::{sensitivity, widened};
+use phipsi_spatial::{Dd, Real, Vec3, Wrench};
+
+/// Trees that every algorithm is tried on.
+pub const TREES: u64 = 1000;
+
+/// Perturbations that κ is estimated from.
+pub const SAMPLES: usize = 6;
+
+/// Roundings per step of a sweep, beyond the n of n·ε·κ: products of 3×3 matrices and sums of three terms round a few
+/// times each. Largest seen on the thousand trees: 3.
+pub const FACTOR: f64 = 4.0;
+
+/// The seeds of a test: the first `count`, or the one in the environment variable `PHIPSI_SEED`.
+pub fn seeds(count: u64) -> Vec<u64> {
+    match std::env::var("PHIPSI_SEED") {
+        Ok(seed) => vec![seed.parse().expect("PHIPSI_SEED is a whole number")],
+        Err(_) => (0..count).collect(),
+    }
+}
+
+/// n of the budget: bodies and degrees of freedom, the steps of a sweep.
+pub fn steps(case: &Case) -> f64 {
+    (case.model.len() + case.model.nv()) as f64
+}
+
+/// The kernel's result against the reference's on every seed, component by component, within [`FACTOR`]·n·ε·κ.
+///
+/// `sizes` gets, for every component, κ times the component and may enlarge it where that is too little; it says why.
+pub fn agree(
+    what: &str,
+    fast: impl Fn(&Layout<f64>, &Case) -> Result<Vec<f64>, DynamicsError>,
+    slow: impl Fn(&Case) -> Vec<Dd>,
+    sizes: impl Fn(&Case, &mut [f64]),
+) {
+    let (mut worst, mut at) = (0.0f64, 0);
+    for seed in seeds(TREES) {
+        let case = case(seed);
+        let (want, mut size) = sensitivity(&case, SAMPLES, seed, &slow);
+        sizes(&case, &mut size);
+        // The reference rounds too, by ε² of its largest terms in every product of rotations.
+        let largest = size.iter().fold(0.0f64, |m, x| m.max(*x));
+        size.iter_mut().for_each(|x| *x += 16.0 * f64::EPSILON * largest);
+        let got = fast(&Layout::new(&case.model), &case)
+            .unwrap_or_else(|e| panic!("{what}, PHIPSI_SEED={seed}: {e}"));
+        let ratio = compare(what, seed, &got, &want, &size, steps(&case) * f64::EPSILON);
+        if ratio > worst {
+            (worst, at) = (ratio, seed);
+        }
+    }
+    println!("{what}: at most {worst:.2} n·ε·κ, with PHIPSI_SEED={at}; allowed {FACTOR}");
+}
+
+/// Largest error in units of `unit`·size; fails above [`FACTOR`].
+pub fn compare<T: Real>(what: &str, seed: u64, got: &[T], want: &[Dd], size: &[f64], unit: f64) -> f64 {
+    assert_eq!(got.len(), want.len(), "{what}, PHIPSI_SEED={seed}");
+    let mut worst = 0.0f64;
+    for (i, (x, y)) in got.iter().zip(want).enumerate() {
+        let error = distance(*x, *y);
+        let ratio = if error == 0.0 { 0.0 } else { error / (unit * size[i]) };
+        assert!(
+            ratio <= FACTOR,
+            "{what}[{i}], PHIPSI_SEED={seed}: {} instead of {}, {ratio:.1} n·ε·κ",
+            x.to_f64(),
+            y.hi
+        );
+        worst = worst.max(ratio);
+    }
+    worst
+}
+
+/// |x − y|, without losing the low part of x where it has one.
+fn distance<T: Real>(x: T, y: Dd) -> f64 {
+    let high = x.to_f64();
+    let low = (x - T::splat(high)).to_f64();
+    (Dd::from_f64(high) - y + Dd::from_f64(low)).hi.abs()
+}
+
+/// max over degrees of freedom of M_ii / D_i: the cancellation in D outboard of a hinge (heavy bodies on light ones), by
+/// which forward dynamics may lose more than κ (soa.md 2.2).
+pub fn growth(case: &Case) -> f64 {
+    let q = widened(&case.q);
+    let m = phipsi_reference::mass_matrix(&case.model, &q);
+    let d =
+        phipsi_reference::articulated_joint_inertias(&case.model, &q).expect("generated trees are regular");
+    d.iter().enumerate().map(|(i, d)| (m[(i, i)] / *d).hi).fold(1.0, f64::max)
+}
+
+/// Components of vectors in turned axes: each gets the size of its vector.
+pub fn by_vectors(size: &mut [f64]) {
+    for vector in size.chunks_exact_mut(3) {
+        let largest = vector.iter().fold(0.0f64, |m, x| m.max(*x));
+        vector.fill(largest);
+    }
+}
+
+/// In double-double numbers.
+pub fn wide(x: Vec3<f64>) -> Vec3<Dd> {
+    Vec3(x.0.map(Dd::from_f64))
+}
+
+/// The case's wrenches in double-double numbers.
+pub fn wide_wrenches(case: &Case) -> Vec<Wrench<Dd>> {
+    case.wrenches.iter().map(|w| Wrench::new(wide(w.moment), wide(w.force))).collect()
+}
