@@ -1,3 +1,93 @@
 //! The command `phipsi`.
+//!
+//! Exit status: 0 fine, warnings included; 1 the input or the numerics failed, said where and why; 2 wrong usage; 130
+//! interrupted. With `--json`, standard output holds exactly one JSON value.
 
-fn main() {}
+mod check;
+mod conventions;
+mod convert;
+mod interrupt;
+mod progress;
+mod run;
+mod show;
+
+use clap::{Args, Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Multibody dynamics that says how wrong it is.
+#[derive(Parser)]
+#[command(name = "phipsi", version, max_term_width = 100)]
+#[command(after_help = "Example: phipsi run examples/satellite_arm.toml")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Options of all commands.
+#[derive(Args, Clone, Debug)]
+struct Common {
+    /// Print exactly one JSON value on standard output
+    #[arg(long, global = true)]
+    json: bool,
+    /// Print nothing but results and errors
+    #[arg(long, global = true)]
+    quiet: bool,
+    /// Treat warnings as errors
+    #[arg(long, global = true)]
+    strict: bool,
+    /// Largest number of threads; results do not depend on it
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    threads: Option<u16>,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Simulate a scene into a run folder, or continue a run
+    #[command(after_help = "Examples:\n  phipsi run examples/satellite_arm.toml\n  \
+                            phipsi run arm.toml --set integrator.rtol=1e-12 --out runs/tight\n  \
+                            phipsi run --resume runs/satellite_arm-001")]
+    Run(run::Options),
+    /// Say what a model or scene contains, what is ignored, and everything that is wrong with it
+    #[command(after_help = "Example: phipsi check examples/satellite_arm.urdf examples/satellite_arm.toml")]
+    Check {
+        /// URDF models and scenes
+        #[arg(required = true, value_name = "FILE")]
+        files: Vec<PathBuf>,
+    },
+    /// Turn a URDF file into a scene
+    #[command(after_help = "Example: phipsi convert arm.urdf arm.toml")]
+    Convert {
+        /// A URDF file
+        input: PathBuf,
+        /// The scene to write; it must not exist
+        output: PathBuf,
+    },
+    /// Print the conventions: frames, orders, signs, units
+    #[command(after_help = "Example: phipsi conventions")]
+    Conventions,
+}
+
+/// What a command came to.
+enum Ending {
+    Fine,
+    Failed,
+    Interrupted,
+}
+
+fn main() -> ExitCode {
+    let Cli { command, common } = Cli::parse();
+    let ending = match command {
+        Command::Run(options) => run::run(&options, &common),
+        Command::Check { files } => check::check(&files, &common),
+        Command::Convert { input, output } => convert::convert(&input, &output, &common),
+        Command::Conventions => conventions::conventions(&common),
+    };
+    ExitCode::from(match ending {
+        Ending::Fine => 0,
+        Ending::Failed => 1,
+        Ending::Interrupted => 130,
+    })
+}

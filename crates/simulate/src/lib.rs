@@ -3,9 +3,17 @@
 //! [`Simulation`] is what a run needs, made by [`scene::load`] from a file or by [`Simulation::new`] from a model.
 //! [`run`] runs it in memory or into any [`Observer`]; [`folder`] runs it into a folder that can be resumed.
 
+pub mod chart;
+pub mod check;
+pub mod convert;
 pub mod error;
+pub mod folder;
+pub mod level;
 pub mod output;
+pub mod page;
 pub mod run;
+pub mod run_page;
+pub mod scene;
 pub mod simulation;
 
 pub use error::SimulateError;

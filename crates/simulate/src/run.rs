@@ -248,9 +248,7 @@ impl<'a> Runner<'a> {
         let model = simulation.dynamics.model();
         let start = &simulation.start;
         let (method, tolerances) = (simulation.choice.method, simulation.tolerances);
-        for (what, found, required) in
-            [("q", start.q.len(), model.nq()), ("v", start.v.len(), model.nv())]
-        {
+        for (what, found, required) in [("q", start.q.len(), model.nq()), ("v", start.v.len(), model.nv())] {
             if found != required {
                 return Err(SimulateError::Start(format!(
                     "`{what}` of the start has length {found}, but length {required} is required"
@@ -418,7 +416,11 @@ impl<'a> Runner<'a> {
         }
     }
 
-    fn summary(mut self, error_estimate: Option<ErrorEstimate>, finished: bool) -> Result<Summary, SimulateError> {
+    fn summary(
+        mut self,
+        error_estimate: Option<ErrorEstimate>,
+        finished: bool,
+    ) -> Result<Summary, SimulateError> {
         let [steps, rejected, evaluations] = self.integrator.counts();
         let (t, q, v) = (self.integrator.t(), self.integrator.q().to_vec(), self.integrator.v().to_vec());
         let aux = self.integrator.aux().to_vec();
@@ -445,12 +447,7 @@ impl<'a> Runner<'a> {
             wall_s: self.wall_s(),
             error_estimate,
             energy_error: self.conserved.energy_error(),
-            momentum_error: self
-                .simulation
-                .dynamics
-                .plan()
-                .momentum
-                .then(|| self.conserved.momentum_error()),
+            momentum_error: self.simulation.dynamics.plan().momentum.then(|| self.conserved.momentum_error()),
             reference_error: if at_end { reference_error(&self.simulation.known, value) } else { None },
             outputs,
             limits: self.limits,

@@ -29,10 +29,12 @@ impl Choice {
     pub fn automatic(tolerances: Tolerances, breaks: usize) -> Self {
         let tolerance = tolerances.rtol.max(tolerances.atol);
         if tolerance >= LOOSE {
-            let why = format!("tolerance {tolerance:e} is loose: order 5 takes fewer evaluations than order 8");
+            let why =
+                format!("tolerance {tolerance:e} is loose: order 5 takes fewer evaluations than order 8");
             Choice { method: Method::Tsit5, why }
         } else if breaks > MANY_BREAKS {
-            let why = format!("forces break at {breaks} times: steps are short, order 5 restarts more cheaply");
+            let why =
+                format!("forces break at {breaks} times: steps are short, order 5 restarts more cheaply");
             Choice { method: Method::Tsit5, why }
         } else {
             let why = "smooth forces and a tolerance below 1e-4: order 8 takes fewest evaluations".into();

@@ -79,7 +79,13 @@ pub(crate) fn parse(text: &str, report: &mut Report) -> Option<Node> {
     let (table, errors) = DeTable::parse_recoverable(text);
     for e in &errors {
         let at = e.span().and_then(|s| line(s.start));
-        report.errors.push(Problem::new(at, "TOML", e.message(), "valid TOML", "correct the file at this place"));
+        report.errors.push(Problem::new(
+            at,
+            "TOML",
+            e.message(),
+            "valid TOML",
+            "correct the file at this place",
+        ));
     }
     if !errors.is_empty() {
         return None;
@@ -265,7 +271,12 @@ impl<'a> Table<'a> {
         self.error(Some(node), report, found, required, format!("correct `{key}`"));
     }
     /// The value of a key that must be there.
-    pub(crate) fn required(&mut self, key: &'static str, report: &mut Report, what: &str) -> Option<&'a Node> {
+    pub(crate) fn required(
+        &mut self,
+        key: &'static str,
+        report: &mut Report,
+        what: &str,
+    ) -> Option<&'a Node> {
         let node = self.get(key);
         if node.is_none() {
             self.error(None, report, format!("no `{key}`"), what, format!("add `{key} = …`"));
@@ -321,7 +332,11 @@ impl<'a> Table<'a> {
         }
     }
     /// N finite numbers.
-    pub(crate) fn numbers<const N: usize>(&mut self, key: &'static str, report: &mut Report) -> Option<[f64; N]> {
+    pub(crate) fn numbers<const N: usize>(
+        &mut self,
+        key: &'static str,
+        report: &mut Report,
+    ) -> Option<[f64; N]> {
         let node = self.get(key)?;
         let list = number_list(node).and_then(|list| <[f64; N]>::try_from(list).ok());
         if list.is_none() {

@@ -1,0 +1,254 @@
+//! `run.json`: what a run was made from, what it does, and what it came to.
+
+use super::inputs::Input;
+use crate::level::instruction_level;
+use crate::run::Summary;
+use crate::scene::Scene;
+use crate::simulation::{Simulation, method_name};
+use phipsi_motion::Method;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+use std::path::Path;
+
+/// How far a run has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Status {
+    /// It runs, or was killed: its checkpoint continues it.
+    Running,
+    /// It was interrupted: its checkpoint continues it.
+    Interrupted,
+    /// It has ended.
+    Finished,
+    /// It stopped at an error.
+    Failed,
+}
+
+/// The contents of `run.json`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct RunFile {
+    /// How far it has come.
+    pub status: Status,
+    /// Why it stopped, if at an error.
+    pub error: Option<String>,
+    /// Name of the scene's file.
+    pub scene: String,
+    /// Title of the scene.
+    pub title: String,
+    /// Version of phipsi that began it.
+    pub version: String,
+    /// Instruction level on which it began.
+    pub instruction_level: String,
+    /// Seed of random numbers; `None`: none are used.
+    pub seed: Option<u64>,
+    /// Inputs; the scene first.
+    pub inputs: Vec<Input>,
+    /// Overrides of the command line.
+    pub overrides: Vec<String>,
+    /// Wall time between checkpoints, s.
+    pub checkpoint_s: f64,
+    /// Method and what is left out.
+    pub plan: Plan,
+    /// What was replaced by something simpler.
+    pub approximated: Vec<String>,
+    /// What is probably wrong with the inputs, and limits that were passed.
+    pub warnings: Vec<String>,
+    /// What it came to; `None` before its end.
+    pub results: Option<Results>,
+}
+
+/// Method and what is left out.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Plan {
+    /// Integration method.
+    pub method: String,
+    /// Why this one.
+    pub why: String,
+    /// Relative tolerance of an adaptive method.
+    pub rtol: Option<f64>,
+    /// Absolute tolerance of an adaptive method.
+    pub atol: Option<f64>,
+    /// Step of a fixed one, s.
+    pub step: Option<f64>,
+    /// End, s.
+    pub t_end: f64,
+    /// What the scene does not need.
+    pub left_out: Vec<String>,
+}
+
+/// What a run came to. `None` in an optional field: the scene has no such thing, or it is not known.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Results {
+    /// Names of the moving joints in the order of v.
+    pub joint_names: Vec<String>,
+    /// Time, q and v at the end.
+    #[serde(rename = "final")]
+    pub end: End,
+    /// Outputs at the end.
+    pub outputs: Map<String, Value>,
+    /// Accepted steps.
+    pub steps: u64,
+    /// Rejected steps.
+    pub rejected: u64,
+    /// Evaluations of the equations of motion.
+    pub evaluations: u64,
+    /// Wall time, s.
+    pub wall_s: f64,
+    /// Estimated error at the end.
+    pub error_estimate: Option<Estimate>,
+    /// Relative imbalance of energy.
+    pub energy_error: f64,
+    /// Relative imbalances of momentum.
+    pub momentum_error: Option<MomentumError>,
+    /// Residuals of closures.
+    pub closure_residual: Option<Value>,
+    /// Largest relative error of outputs with known values.
+    pub reference_error: Option<f64>,
+}
+
+/// A state.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct End {
+    /// Time, s.
+    pub t: f64,
+    /// Position coordinates.
+    pub q: Vec<f64>,
+    /// Velocities.
+    pub v: Vec<f64>,
+}
+
+/// An estimated error.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Estimate {
+    /// Of q, rad or m.
+    pub q: Option<f64>,
+    /// Of v.
+    pub v: Option<f64>,
+    /// Time up to which it was small, where q and v are null.
+    pub horizon: Option<f64>,
+    /// How it was obtained.
+    pub how: String,
+    /// Evaluations it took.
+    pub evaluations: u64,
+}
+
+/// Relative imbalances of momentum.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct MomentumError {
+    /// Of linear momentum.
+    pub linear: f64,
+    /// Of angular momentum.
+    pub angular: f64,
+}
+
+impl RunFile {
+    /// Of a run that begins.
+    pub fn begin(scene: &Scene, inputs: Vec<Input>, scene_path: &Path) -> Self {
+        let simulation = &scene.simulation;
+        let warnings = scene.reports.iter().flat_map(|r| {
+            r.warnings.iter().map(|p| {
+                let line = p.line.map_or(String::new(), |line| format!(":{line}"));
+                format!("{}{line}: {}: {}; {}", r.source, p.place, p.found, p.remedy)
+            })
+        });
+        let approximated = scene
+            .reports
+            .iter()
+            .flat_map(|r| r.approximated.iter().map(|n| format!("{}: {}", n.place, n.what)));
+        RunFile {
+            status: Status::Running,
+            error: None,
+            scene: scene_path.file_stem().map_or("scene".into(), |s| s.to_string_lossy().into_owned()),
+            title: simulation.name.clone(),
+            version: env!("CARGO_PKG_VERSION").into(),
+            instruction_level: instruction_level(),
+            seed: None,
+            inputs,
+            overrides: scene.overrides.clone(),
+            checkpoint_s: scene.checkpoint_s,
+            plan: Plan::new(simulation),
+            approximated: approximated.collect(),
+            warnings: warnings.collect(),
+            results: None,
+        }
+    }
+    /// Puts in what a run came to.
+    pub fn complete(&mut self, simulation: &Simulation, summary: &Summary) {
+        self.status = if summary.finished { Status::Finished } else { Status::Interrupted };
+        self.error = None;
+        self.warnings.retain(|w| !summary.limits.iter().any(|l| *w == l.describe()));
+        self.warnings.extend(summary.limits.iter().map(|l| l.describe()));
+        self.results = Some(Results::new(simulation, summary));
+    }
+    /// The value that `run --json` prints.
+    pub fn to_json(&self, folder: &Path) -> Value {
+        let mut value = json!({ "scene": self.scene });
+        if let (Value::Object(all), Some(results)) = (&mut value, &self.results) {
+            if let Ok(Value::Object(own)) = serde_json::to_value(results) {
+                all.extend(own);
+            }
+            all.insert("left_out".into(), json!(self.plan.left_out));
+            all.insert("approximated".into(), json!(self.approximated));
+            all.insert("warnings".into(), json!(self.warnings));
+            all.insert("finished".into(), json!(self.status == Status::Finished));
+            all.insert("run_folder".into(), json!(folder.display().to_string()));
+        }
+        value
+    }
+}
+
+impl Plan {
+    /// Of a simulation.
+    pub fn new(simulation: &Simulation) -> Self {
+        let method = simulation.choice.method;
+        let step = if let Method::Rk4 { step } = method { Some(step) } else { None };
+        let tolerance = |x: f64| if step.is_none() { Some(x) } else { None };
+        Plan {
+            method: method_name(method).into(),
+            why: simulation.choice.why.clone(),
+            rtol: tolerance(simulation.tolerances.rtol),
+            atol: tolerance(simulation.tolerances.atol),
+            step,
+            t_end: simulation.t_end,
+            left_out: simulation.left_out(),
+        }
+    }
+    /// Method and error control in a few words.
+    pub fn describe(&self) -> String {
+        match (self.step, self.rtol, self.atol) {
+            (Some(step), ..) => format!("{}, step {step} s", self.method),
+            (_, Some(rtol), Some(atol)) if rtol != atol => {
+                format!("{}, rtol {rtol:e}, atol {atol:e}", self.method)
+            }
+            (_, Some(rtol), _) => format!("{}, tolerance {rtol:e}", self.method),
+            _ => self.method.clone(),
+        }
+    }
+}
+
+impl Results {
+    /// Of a run.
+    pub fn new(simulation: &Simulation, summary: &Summary) -> Self {
+        let model = simulation.model();
+        Results {
+            joint_names: model.moving_joints().map(|k| model.joints()[k].name.clone()).collect(),
+            end: End { t: summary.t, q: summary.q.clone(), v: summary.v.clone() },
+            outputs: summary.outputs.iter().map(|(name, x)| (name.clone(), json!(x))).collect(),
+            steps: summary.steps,
+            rejected: summary.rejected,
+            evaluations: summary.evaluations,
+            wall_s: summary.wall_s,
+            error_estimate: summary.error_estimate.as_ref().map(|e| Estimate {
+                q: e.q,
+                v: e.v,
+                horizon: e.horizon,
+                how: e.how.clone(),
+                evaluations: e.evaluations,
+            }),
+            energy_error: summary.energy_error,
+            momentum_error: summary.momentum_error.map(|[angular, linear]| MomentumError { linear, angular }),
+            closure_residual: None,
+            reference_error: summary.reference_error,
+        }
+    }
+}

@@ -1,0 +1,21 @@
+//! The instruction level that a run's last bits depend on.
+
+/// Architecture, and whether the processor has the fused multiply-add that the system's sine and cosine use if they can.
+///
+/// Two runs of the same inputs agree to the last bit where this text, the version of phipsi and the system's mathematical
+/// library agree.
+pub fn instruction_level() -> String {
+    let arch = std::env::consts::ARCH;
+    let os = std::env::consts::OS;
+    format!("{arch} {os} baseline, system functions {}", if has_fused() { "with fma" } else { "without fma" })
+}
+
+#[cfg(target_arch = "x86_64")]
+fn has_fused() -> bool {
+    std::arch::is_x86_feature_detected!("fma")
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn has_fused() -> bool {
+    true
+}

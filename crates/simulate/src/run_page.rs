@@ -1,0 +1,151 @@
+//! The page of a run, from its rows and steps.
+
+use crate::folder::results::{RunFile, Status};
+use crate::folder::summary::summary;
+use crate::folder::table::Columns;
+use crate::page::{Chart, Drawing, DrawnBody, PageData, Series, equivalent_box, render};
+use crate::run::{Row, StepRecord, spread};
+use crate::scene::Scene;
+use phipsi_model::Model;
+use phipsi_recursion::{Kinematics, Layout};
+use phipsi_spatial::{Quaternion, Vec3};
+
+/// Most frames of the drawing.
+const MOST_FRAMES: usize = 600;
+
+/// `index.html`.
+pub fn page(scene: &Scene, file: &RunFile, columns: &Columns, rows: &[Row], steps: &[StepRecord]) -> String {
+    let mut warnings = file.warnings.clone();
+    if file.status != Status::Finished {
+        warnings.insert(0, "the run has not ended: resume it to see the rest".into());
+    }
+    let shown =
+        summary(file).into_iter().filter(|(name, _)| !["scene", "warnings", "left out"].contains(name));
+    let model = scene.simulation.model();
+    let data = PageData {
+        title: &file.title,
+        summary: shown.map(|(name, lines)| (name.to_string(), lines.join("; "))).collect(),
+        warnings,
+        left_out: file.plan.left_out.clone(),
+        details: details(file),
+        charts: charts(model, columns, rows, steps),
+        drawing: Some(drawing(model, scene.simulation.dynamics.layout(), rows)),
+    };
+    render(&data)
+}
+
+fn details(file: &RunFile) -> Vec<(String, String)> {
+    let mut command = format!("phipsi run {}", file.inputs.first().map_or("", |i| &i.file));
+    for o in &file.overrides {
+        command += &format!(" --set '{o}'");
+    }
+    let mut rows = vec![("reproduce".to_string(), command)];
+    rows.extend(file.inputs.iter().map(|i| (i.file.clone(), format!("blake3 {}", i.blake3))));
+    rows.push(("phipsi".into(), file.version.clone()));
+    rows.push(("instruction level".into(), file.instruction_level.clone()));
+    rows
+}
+
+fn charts(model: &Model, columns: &Columns, rows: &[Row], steps: &[StepRecord]) -> Vec<Chart> {
+    let chart = |title: &str, y_label: &str, log_y: bool, series: Vec<Series>| Chart {
+        title: title.into(),
+        x_label: "time, s".into(),
+        y_label: y_label.into(),
+        log_y,
+        series,
+    };
+    let of = |name: &str, value: &dyn Fn(&Row) -> f64| Series {
+        name: name.into(),
+        points: rows.iter().map(|r| (r.t, value(r))).collect(),
+    };
+    let mut charts = Vec::new();
+    for (angle, q_label, v_label) in [(true, "rad", "rad/s"), (false, "m", "m/s")] {
+        let (mut positions, mut velocities) = (Vec::new(), Vec::new());
+        for k in model.moving_joints() {
+            let kind = &model.joints()[k].kind;
+            for (i, at) in model.v_range(k).enumerate().filter(|(i, _)| kind.is_rotation(*i) == angle) {
+                velocities.push(of(&columns.v[at], &|r| r.v[at]));
+                // One-axis joints have a coordinate for it; orientations have quaternions instead.
+                if kind.nv() == 1 {
+                    let q = model.q_offset(k) + i;
+                    positions.push(of(&columns.q[q], &|r| r.q[q]));
+                }
+            }
+        }
+        for (title, label, series) in
+            [("Joint positions", q_label, positions), ("Velocities", v_label, velocities)]
+        {
+            if !series.is_empty() {
+                charts.push(chart(title, label, false, series));
+            }
+        }
+    }
+    charts.push(chart(
+        "Energy",
+        "J",
+        false,
+        vec![
+            of("kinetic", &|r| r.energy[0]),
+            of("potential", &|r| r.energy[1]),
+            of("work", &|r| r.energy[2]),
+            of("total less work", &|r| r.energy[0] + r.energy[1] - r.energy[2]),
+        ],
+    ));
+    let imbalance = |name: &str, i: usize| Series {
+        name: name.into(),
+        points: steps.iter().map(|s| (s.t, s.imbalance[i])).collect(),
+    };
+    charts.push(chart("Energy imbalance", "J", true, vec![imbalance("|E − E₀ − W|", 0)]));
+    if columns.momentum {
+        let series = vec![imbalance("angular, kg m²/s", 1), imbalance("linear, kg m/s", 2)];
+        charts.push(chart("Momentum imbalance", "kg m²/s, kg m/s", true, series));
+    }
+    for (i, name) in columns.outputs.iter().enumerate() {
+        charts.push(chart(&format!("Output {name}"), "", false, vec![of(name, &|r| r.outputs[i])]));
+    }
+    charts
+}
+
+/// The mechanism as lines, with the poses of all bodies at the recorded instants.
+pub fn drawing(model: &Model, layout: &Layout<f64>, rows: &[Row]) -> Drawing {
+    let mut bodies: Vec<DrawnBody> = Vec::with_capacity(model.len());
+    for (k, body) in model.bodies().iter().enumerate() {
+        let center = body.inertia.frame.translation.map(|x| x as f32);
+        let (box_half, box_pose) = match equivalent_box(&body.inertia) {
+            Some((half, pose)) => (Some(half), pose),
+            None => (None, crate::page::IDENTITY_POSE),
+        };
+        let lines = if body.inertia.mass > 0.0 { vec![[[0.0; 3], center]] } else { Vec::new() };
+        bodies.push(DrawnBody {
+            name: body.name.clone(),
+            parent: model.tree().parent(k),
+            joint: model.joints()[k].name.clone(),
+            lines,
+            center,
+            mass: body.inertia.mass as f32,
+            box_half,
+            box_pose,
+        });
+    }
+    let mut kinematics = Kinematics::new(layout);
+    let mut drawing = Drawing { bodies, times: Vec::new(), poses: Vec::new(), unit: "m".into() };
+    // The start belongs to the picture; `spread` is sure to take the end.
+    let mut chosen: Vec<usize> = spread(rows.len(), MOST_FRAMES).collect();
+    if let Some(first) = chosen.first_mut() {
+        *first = 0;
+    }
+    for row in chosen.into_iter().map(|i| &rows[i]) {
+        // Rows are states of this model.
+        if kinematics.set_position(layout, &row.q).is_err() {
+            continue;
+        }
+        drawing.times.push(row.t);
+        for k in 0..model.len() {
+            let pose = kinematics.pose(layout, Some(k));
+            let Vec3(p) = pose.translation;
+            let Quaternion(r) = Quaternion::from_rotation(&pose.rotation);
+            drawing.poses.extend(p.iter().chain(&r).map(|x| *x as f32));
+        }
+    }
+    drawing
+}

@@ -1,0 +1,185 @@
+//! Scene files: what is simulated, from where, how, and what is recorded.
+//!
+//! A scene is TOML; angles in rad, everything in SI. Unknown keys are refused with a suggestion, and every problem is
+//! reported with its line.
+//!
+//! | table | keys |
+//! |---|---|
+//! | `[model]` | `urdf` (relative to the scene), `base` = "fixed" or "free", `gravity`, `mimic` = "closure" or "free", `friction_speed` |
+//! | `[[body]]` | `name`, `inertial` = { `origin`, `mass`, `inertia` = { `ixx` … } }: the URDF's words |
+//! | `[[joint]]` | `name`, `type`, `parent`, `child`, `origin` = { `xyz`, `rpy` }, `axis`, `axis2`, `pitch`, `limit`, `dynamics`, `mimic` |
+//! | `[initial]` | `q.JOINT`, `v.JOINT`: a number, or a list for joints with several coordinates; others are neutral |
+//! | `[[force]]` | `kind` with its parameters, see below; `name` |
+//! | `[integrator]` | `t_end`; `method` = "auto", "dop853", "tsit5" with `rtol`, `atol`, `max_step`, or "rk4" with `step`; `estimate` |
+//! | `[record]` | `every`, s; `checkpoint_s`, wall time between checkpoints (2; 0: after every step) |
+//! | `[outputs]` | NAME = { … }, see below |
+//! | `[reference]` | `source`, NAME = known value of an output at the end |
+//!
+//! Forces: `torque` (`joint`, `component`, `value`), `servo` (`joint`, `target`, `stiffness`, `damping`, `integral`, `limit`),
+//! `spring` and `damper` at a joint (`joint`, `stiffness`, `damping`, `rest`) or between points (`body_a`, `point_a`,
+//! `body_b`, `point_b`, `stiffness`, `damping`, `rest_length`), `wrench` (`body`, `point`, `axes` = "body" or "world",
+//! `moment`, `force`). `value`, `target` and the components of `moment` and `force` are functions of time: a number, an
+//! expression in t such as "0.3*sin(2*pi*t)", or a table [[time, value], …].
+//!
+//! Outputs: `joint` (with `component`, `of` = "q" or "v"), `joints` (a sum, with `factors`), `body` with `point`, `axis` and
+//! `of` = "position" or "velocity", `body_a` … `point_b` (a distance), `energy` = "kinetic", "potential" or "total".
+
+mod force;
+mod mechanism;
+mod output;
+mod settings;
+mod signal;
+mod tree;
+
+use crate::error::SimulateError;
+use crate::simulation::Simulation;
+use phipsi_formats::{Note, Problem, Report};
+use phipsi_recursion::singular_hinges;
+use std::path::{Path, PathBuf};
+use tree::Table;
+
+/// Largest scene file that is read, bytes.
+const LARGEST_FILE: u64 = 64 << 20;
+
+/// A scene that can be run.
+pub struct Scene {
+    /// What runs.
+    pub simulation: Simulation,
+    /// The scene's text as read.
+    pub text: String,
+    /// Overrides of the command line.
+    pub overrides: Vec<String>,
+    /// Files that it names.
+    pub files: Vec<PathBuf>,
+    /// Wall time between checkpoints, s.
+    pub checkpoint_s: f64,
+    /// Report on the scene, then on each file.
+    pub reports: Vec<Report>,
+}
+
+/// Reads a scene file; `overrides` are `key=value`.
+///
+/// # Errors
+/// [`SimulateError::Scene`] with the reports on everything that was read.
+pub fn load(path: &Path, overrides: &[String]) -> Result<Scene, SimulateError> {
+    let source = path.display().to_string();
+    let failed = |found: String, required: &str, remedy: &str| {
+        let mut report = Report::new(&source);
+        report.errors.push(Problem::new(None, "file", found, required, remedy));
+        SimulateError::Scene(vec![report])
+    };
+    let bytes = match std::fs::metadata(path) {
+        Ok(m) if m.len() > LARGEST_FILE => {
+            return Err(failed(
+                format!("{} bytes", m.len()),
+                "at most 64 MiB",
+                "see whether this is a scene",
+            ));
+        }
+        _ => std::fs::read(path)
+            .map_err(|e| failed(e.to_string(), "a readable file", "check the path and its permissions"))?,
+    };
+    let text = String::from_utf8(bytes).map_err(|e| {
+        let at = e.utf8_error().valid_up_to();
+        failed(format!("byte {at} is not UTF-8"), "text in UTF-8", "convert the file to UTF-8")
+    })?;
+    let name = path.file_stem().map_or("scene".into(), |s| s.to_string_lossy().into_owned());
+    let folder = path.parent().unwrap_or(Path::new("")).to_path_buf();
+    parse(text, &name, &source, &folder, overrides)
+}
+
+/// Reads a scene's text. `name` is that of the scene, `source` that of the file in reports; files that the scene names are
+/// relative to `folder`.
+///
+/// # Errors
+/// As [`load`].
+pub fn parse(
+    text: String,
+    name: &str,
+    source: &str,
+    folder: &Path,
+    overrides: &[String],
+) -> Result<Scene, SimulateError> {
+    let mut report = Report::new(source);
+    let read = read(&text, name, folder, overrides, &mut report);
+    let (simulation, files, checkpoint_s, mut reports) = match read {
+        Ok((simulation, files, checkpoint_s, reports)) if report.errors.is_empty() => {
+            (simulation, files, checkpoint_s, reports)
+        }
+        Ok((.., mut reports)) | Err(mut reports) => {
+            reports.insert(0, report);
+            return Err(SimulateError::Scene(reports));
+        }
+    };
+    reports.insert(0, report);
+    Ok(Scene { simulation, text, overrides: overrides.to_vec(), files, checkpoint_s, reports })
+}
+
+type Read = (Simulation, Vec<PathBuf>, f64, Vec<Report>);
+
+fn read(
+    text: &str,
+    name: &str,
+    folder: &Path,
+    overrides: &[String],
+    report: &mut Report,
+) -> Result<Read, Vec<Report>> {
+    let Some(mut root) = tree::parse(text, report) else { return Err(Vec::new()) };
+    for assignment in overrides {
+        if let Err(problem) = tree::set(&mut root, assignment) {
+            report.errors.push(problem);
+        }
+    }
+    let Some(mut scene) = Table::new(&root, "scene", report) else { return Err(Vec::new()) };
+    let title = scene.text("title", report).map(str::to_string);
+    let mechanism = match mechanism::read(&mut scene, folder, report) {
+        Ok(mechanism) => mechanism,
+        Err(reports) => return Err(reports),
+    };
+    let mechanism::Mechanism { model, files, reports, friction_speed } = mechanism;
+    for violation in singular_hinges(&model) {
+        let place = violation.subject.to_string();
+        report.errors.push(Problem::new(None, place, violation.found, violation.required, violation.remedy));
+    }
+    let start = settings::initial(&mut scene, &model, report);
+    let forces = force::read(&mut scene, &model, report);
+    let breaks: usize = forces.iter().map(|f| f.breaks().len()).sum();
+    let settings = settings::integrator(&mut scene, breaks, report);
+    let record = settings.as_ref().map(|s| settings::record(&mut scene, s.t_end, report));
+    let outputs = output::read(&mut scene, &model, report);
+    let (known, known_source) = output::reference(&mut scene, &outputs, report);
+    let present =
+        ["model", "body", "joint", "initial", "force", "integrator", "record", "outputs", "reference"];
+    present.iter().for_each(|key| _ = scene.get(key));
+    scene.finish(report);
+    let (Some(settings), Some((every, checkpoint_s))) = (settings, record) else { return Err(reports) };
+    let created = Simulation::with_friction_speed(&model, forces, settings.t_end, friction_speed);
+    let mut simulation = match created {
+        Ok(simulation) => simulation,
+        Err(e) => {
+            let remedy = "set mimic = \"free\" in [model] to let the joint move freely";
+            report.errors.push(Problem::new(None, "model", e.to_string(), "a tree without closures", remedy));
+            return Err(reports);
+        }
+    };
+    for line in &simulation.approximated {
+        report.approximated.push(Note::new(None, "model", line.clone()));
+    }
+    let used = format!(
+        "{} bodies, {} degrees of freedom, {} forces",
+        model.len(),
+        model.nv(),
+        simulation.dynamics.forces().len()
+    );
+    report.used.insert(0, Note::new(None, "scene", used));
+    simulation.name = title.unwrap_or_else(|| name.into());
+    simulation.start = start;
+    simulation.choice = settings.choice;
+    simulation.tolerances = settings.tolerances;
+    simulation.estimate = settings.estimate;
+    simulation.every = every;
+    simulation.outputs = outputs;
+    simulation.known = known;
+    simulation.known_source = known_source;
+    Ok((simulation, files, checkpoint_s, reports))
+}

@@ -1,0 +1,307 @@
+//! The mechanism of a scene: a URDF file, bodies and joints written in the scene, or both.
+
+use super::tree::{Table, Value, suggestion};
+use phipsi_formats::urdf::{Mimic, UrdfOptions, urdf_builder_file};
+use phipsi_formats::{Note, Problem, Report, joint_kind};
+use phipsi_model::{
+    Base, Body, Coupling, Inertia, Joint, JointKind, Limits, Model, ModelBuilder, Placement, Severity,
+    Subject,
+};
+use phipsi_motion::forces::JointDissipation;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// What `[model]`, `[[body]]` and `[[joint]]` give.
+pub(crate) struct Mechanism {
+    pub(crate) model: Model,
+    /// Files that were read, besides the scene.
+    pub(crate) files: Vec<PathBuf>,
+    /// Reports on them.
+    pub(crate) reports: Vec<Report>,
+    /// Speed at which dry friction is regularised.
+    pub(crate) friction_speed: f64,
+}
+
+/// Reads the mechanism; `None` if there are errors, in `report` or in those of the files, which are returned then.
+pub(crate) fn read(
+    scene: &mut Table<'_>,
+    folder: &Path,
+    report: &mut Report,
+) -> Result<Mechanism, Vec<Report>> {
+    let mut reports = Vec::new();
+    let mut files = Vec::new();
+    let mut builder = ModelBuilder::new("scene");
+    let mut options = UrdfOptions::default();
+    let mut friction_speed = JointDissipation::SPEED;
+    let has_bodies = scene.has("body");
+    if let Some(mut table) = scene.table("model", report) {
+        if let Some(word) = table.word("base", &["fixed", "free"], report) {
+            options.base = if word == "free" { Base::Free } else { Base::Fixed };
+        }
+        if let Some(word) = table.word("mimic", &["closure", "free"], report) {
+            options.mimic = if word == "free" { Mimic::Free } else { Mimic::Closure };
+        }
+        let gravity = table.numbers::<3>("gravity", report);
+        friction_speed = table.positive("friction_speed", false, report).unwrap_or(friction_speed);
+        if let Some(urdf) = table.text("urdf", report) {
+            let path = folder.join(urdf);
+            let loaded = urdf_builder_file(&path, &options);
+            if let Some(read) = loaded.value {
+                builder = read;
+            }
+            reports.push(loaded.report);
+            files.push(path);
+        } else if !has_bodies {
+            let remedy = "add `urdf = \"…\"` to [model], or describe [[body]] and [[joint]] here";
+            table.error(None, report, "no mechanism", "a URDF file or bodies", remedy);
+        }
+        if let Some(gravity) = gravity {
+            builder = builder.gravity(gravity);
+        }
+        table.finish(report);
+    } else if !has_bodies {
+        let remedy = "add [model] with `urdf = \"…\"`, or describe [[body]] and [[joint]]";
+        scene.error(None, report, "no mechanism", "[model] or [[body]]", remedy);
+    }
+    builder = builder.base(options.base);
+    let mut lines = HashMap::new();
+    for mut table in scene.tables("body", report) {
+        if let Some(body) = read_body(&mut table, report) {
+            lines.insert(format!("body `{}`", body.name), table.line);
+            builder = builder.body(body);
+        }
+        table.finish(report);
+    }
+    for mut table in scene.tables("joint", report) {
+        if let Some((joint, parent, child, coupling)) = read_joint(&mut table, report) {
+            lines.insert(format!("joint `{}`", joint.name), table.line);
+            if let Some(coupling) = coupling {
+                if options.mimic == Mimic::Free {
+                    let what =
+                        format!("mimic of joint `{}` dropped: the joint moves freely", coupling.source);
+                    report.approximated.push(Note::new(table.line, format!("joint `{}`", joint.name), what));
+                } else {
+                    builder = builder.coupling(coupling);
+                }
+            }
+            builder = builder.joint(joint, parent, child);
+        }
+        table.finish(report);
+    }
+    // The reader of a URDF file has checked it; only what was added here can be new.
+    if has_bodies && report.errors.is_empty() && reports.iter().all(|r: &Report| r.errors.is_empty()) {
+        for violation in builder.check() {
+            let place = violation.subject.to_string();
+            let line = match violation.subject {
+                Subject::Model => None,
+                _ => lines.get(&place).copied().flatten(),
+            };
+            let problem = Problem::new(line, place, violation.found, violation.required, violation.remedy);
+            match violation.severity {
+                Severity::Error => report.errors.push(problem),
+                Severity::Warning => report.warnings.push(problem),
+            }
+        }
+    }
+    if !report.errors.is_empty() || reports.iter().any(|r| !r.errors.is_empty()) {
+        return Err(reports);
+    }
+    match builder.build() {
+        Ok(model) => Ok(Mechanism { model, files, reports, friction_speed }),
+        Err(errors) => {
+            report.errors.extend(
+                errors
+                    .0
+                    .into_iter()
+                    .map(|v| Problem::new(None, v.subject.to_string(), v.found, v.required, v.remedy)),
+            );
+            Err(reports)
+        }
+    }
+}
+
+/// `{ xyz = […], rpy = […] }`; zeros where missing.
+pub(crate) fn pose(table: &mut Table<'_>, key: &'static str, report: &mut Report) -> Placement {
+    let Some(mut origin) = table.table(key, report) else { return Placement::IDENTITY };
+    let xyz = origin.numbers::<3>("xyz", report).unwrap_or_default();
+    let rpy = origin.numbers::<3>("rpy", report).unwrap_or_default();
+    origin.finish(report);
+    Placement::from_xyz_rpy(xyz, rpy)
+}
+
+fn read_body(table: &mut Table<'_>, report: &mut Report) -> Option<Body> {
+    let name = table.required_text("name", report);
+    if let Some(name) = name {
+        table.place = format!("body `{name}`");
+    }
+    let inertia = match table.table("inertial", report) {
+        None => Inertia::ZERO,
+        Some(mut inertial) => {
+            let frame = pose(&mut inertial, "origin", report);
+            inertial.required("mass", report, "a mass in kg");
+            let mass = inertial.number("mass", report).unwrap_or_default();
+            let mut tensor = [0.0; 6];
+            if let Some(mut moments) = inertial.table("inertia", report) {
+                for (value, key) in tensor.iter_mut().zip(["ixx", "ixy", "ixz", "iyy", "iyz", "izz"]) {
+                    *value = moments.number(key, report).unwrap_or_default();
+                }
+                moments.finish(report);
+            }
+            inertial.finish(report);
+            Inertia { mass, frame, tensor }
+        }
+    };
+    Some(Body::new(name?, inertia))
+}
+
+type ReadJoint<'a> = (Joint, &'a str, &'a str, Option<Coupling>);
+
+fn read_joint<'a>(table: &mut Table<'a>, report: &mut Report) -> Option<ReadJoint<'a>> {
+    let name = table.required_text("name", report);
+    if let Some(name) = name {
+        table.place = format!("joint `{name}`");
+    }
+    let word = table.required_text("type", report);
+    let parent = table.required_text("parent", report);
+    let child = table.required_text("child", report);
+    let placement = pose(table, "origin", report);
+    let axis = table.numbers::<3>("axis", report);
+    let second = table.numbers::<3>("axis2", report);
+    let pitch = table.number("pitch", report);
+    let kind = word.and_then(|word| match joint_kind(word, axis, second, pitch) {
+        Ok(kind) => Some(kind),
+        Err(e) => {
+            let node = table.get("type");
+            table.error(node, report, e.found, e.required, e.remedy);
+            None
+        }
+    });
+    let mut limits = Limits::default();
+    if let Some(mut limit) = table.table("limit", report) {
+        let [lower, upper] = ["lower", "upper"].map(|key| limit.number(key, report));
+        if lower.is_some() || upper.is_some() {
+            limits.position = Some([lower.unwrap_or(f64::NEG_INFINITY), upper.unwrap_or(f64::INFINITY)]);
+        }
+        limits.velocity = limit.positive("velocity", false, report);
+        limits.effort = limit.positive("effort", false, report);
+        limit.finish(report);
+    }
+    let (mut damping, mut friction) = (0.0, 0.0);
+    if let Some(mut dynamics) = table.table("dynamics", report) {
+        damping = dynamics.number("damping", report).unwrap_or_default();
+        friction = dynamics.number("friction", report).unwrap_or_default();
+        dynamics.finish(report);
+    }
+    let mut coupling = None;
+    if let Some(mut mimic) = table.table("mimic", report) {
+        let source = mimic.required_text("joint", report);
+        let multiplier = mimic.number("multiplier", report).unwrap_or(1.0);
+        let offset = mimic.number("offset", report).unwrap_or_default();
+        mimic.finish(report);
+        coupling = Some(Coupling { joint: name?.into(), source: source?.into(), multiplier, offset });
+    }
+    let joint = Joint { name: name?.into(), kind: kind?, placement, limits, damping, friction };
+    Some((joint, parent?, child?, coupling))
+}
+
+/// A joint by the user's name, and one of its degrees of freedom.
+pub(crate) struct JointDof {
+    /// Index in q of the coordinate of the same number, where the joint has one for each degree of freedom.
+    pub(crate) coordinate: Option<usize>,
+    /// Index in v.
+    pub(crate) dof: usize,
+}
+
+/// The joint under `key` and its `component` (0 where missing).
+pub(crate) fn joint_dof(
+    table: &mut Table<'_>,
+    key: &'static str,
+    model: &Model,
+    report: &mut Report,
+) -> Option<JointDof> {
+    let name = table.required_text(key, report)?;
+    let component = table.get("component").map(|n| n.value.clone());
+    let k = find_joint(table, key, name, model, report)?;
+    let joint = &model.joints()[k];
+    let nv = joint.kind.nv();
+    let component = match component {
+        None if nv <= 1 => 0,
+        Some(Value::Integer(i)) if usize::try_from(i).is_ok_and(|i| i < nv) => i as usize,
+        given => {
+            let found = match given {
+                Some(value) => format!("component = {}", value.describe()),
+                None => format!("no `component` for a {} joint", joint.kind.word()),
+            };
+            let required = format!("a degree of freedom of joint `{name}`, 0 … {}", nv.saturating_sub(1));
+            let node = table.get(key);
+            table.error(node, report, found, required, "add `component = …`");
+            return None;
+        }
+    };
+    Some(JointDof {
+        coordinate: coordinate(&joint.kind, component).map(|c| model.q_offset(k) + c),
+        dof: model.v_offset(k) + component,
+    })
+}
+
+/// The moving joint of a name.
+pub(crate) fn find_joint(
+    table: &mut Table<'_>,
+    key: &'static str,
+    name: &str,
+    model: &Model,
+    report: &mut Report,
+) -> Option<usize> {
+    let node = table.get(key);
+    let found = model.find_joint(name).ok().filter(|&k| model.joints()[k].kind != JointKind::Fixed);
+    if found.is_none() {
+        let names: Vec<&str> = model.moving_joints().map(|k| model.joints()[k].name.as_str()).collect();
+        let what = match model.find_joint(name) {
+            Ok(_) => format!("{key} = {name:?}, a fixed joint"),
+            Err(_) => format!("{key} = {name:?}"),
+        };
+        table.error(node, report, what, "a moving joint of the model", named(name, &names));
+    }
+    found
+}
+
+/// The body of a name; `Some(None)` is the world.
+pub(crate) fn find_body(
+    table: &mut Table<'_>,
+    key: &'static str,
+    model: &Model,
+    report: &mut Report,
+) -> Option<Option<usize>> {
+    let name = table.required_text(key, report)?;
+    let node = table.get(key);
+    match model.find_body(name) {
+        Ok(body) => Some(body),
+        Err(_) => {
+            let names: Vec<&str> = model.bodies().iter().map(|b| b.name.as_str()).collect();
+            let what = format!("{key} = {name:?}");
+            table.error(node, report, what, "a body of the model, or \"world\"", named(name, &names));
+            None
+        }
+    }
+}
+
+/// The nearest name, or the first few there are.
+fn named(word: &str, names: &[&str]) -> String {
+    match suggestion(word, names) {
+        s if s.starts_with("did") => s,
+        _ => {
+            let more = if names.len() > 8 { ", …" } else { "" };
+            format!("there are: {}{more}", names[..names.len().min(8)].join(", "))
+        }
+    }
+}
+
+/// The coordinate whose rate is component i of the velocity, where the joint has one.
+fn coordinate(kind: &JointKind, i: usize) -> Option<usize> {
+    match kind {
+        JointKind::Spherical | JointKind::Free => None,
+        // q: x, y, angle; v: ω, v_x, v_y. Only the angle's rate is a component of v.
+        JointKind::Planar { .. } => (i == 0).then_some(2),
+        _ => Some(i),
+    }
+}

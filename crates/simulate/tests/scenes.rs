@@ -1,0 +1,221 @@
+//! Scene files: what they mean, and what is said of wrong ones.
+
+use phipsi_formats::Problem;
+use phipsi_simulate::scene::{Scene, parse};
+use phipsi_simulate::{Recording, SimulateError, run};
+use std::path::Path;
+
+const PENDULUM: &str = r#"
+title = "pendulum"
+[[body]]
+name = "rod"
+inertial = { mass = 1.0, origin = { xyz = [0.5, 0, 0] }, inertia = { iyy = 0.0833333333, izz = 0.0833333333 } }
+[[joint]]
+name = "hinge"
+type = "continuous"
+parent = "world"
+child = "rod"
+axis = [0, 1, 0]
+[initial]
+q.hinge = 0.3
+[integrator]
+t_end = 2
+rtol = 1e-10
+[outputs]
+angle = { joint = "hinge" }
+height = { body = "rod", point = [1, 0, 0], axis = "z" }
+energy = { energy = "total" }
+"#;
+
+fn scene(text: &str) -> Result<Scene, SimulateError> {
+    parse(text.into(), "test", "test.toml", Path::new(""), &[])
+}
+
+fn errors(text: &str) -> Vec<Problem> {
+    match scene(text) {
+        Ok(_) => panic!("accepted: {text}"),
+        Err(SimulateError::Scene(reports)) => reports.into_iter().flat_map(|r| r.errors).collect(),
+        Err(e) => panic!("{e}"),
+    }
+}
+
+/// The only error of the pendulum with `old` replaced by `new`.
+fn error(old: &str, new: &str) -> Problem {
+    assert!(PENDULUM.contains(old));
+    let mut found = errors(&PENDULUM.replace(old, new));
+    assert_eq!(found.len(), 1, "{found:?}");
+    found.remove(0)
+}
+
+#[test]
+fn a_scene_runs_and_measures() {
+    let mut scene = scene(PENDULUM).unwrap();
+    let mut recording = Recording::default();
+    let summary = run(&mut scene.simulation, &mut recording).unwrap();
+    let value = |name: &str| summary.outputs.iter().find(|(n, _)| n == name).unwrap().1;
+    assert_eq!(value("angle"), summary.q[0]);
+    assert!((value("height") + summary.q[0].sin()).abs() < 4.0 * f64::EPSILON);
+    // It starts at rest: its energy is that of its height, m g z of the centre of mass.
+    assert!((value("energy") + 9.80665 * 0.5 * 0.3f64.sin()).abs() < 1e-9);
+    assert_eq!(recording.rows.last().unwrap().t, 2.0);
+}
+
+#[test]
+fn unknown_keys_and_words_come_with_a_suggestion() {
+    let e = error("rtol = 1e-10", "rtoll = 1e-10");
+    assert_eq!((e.line, e.remedy.as_str()), (Some(17), "did you mean `rtol`?"));
+    assert_eq!(error("[initial]", "[inital]").remedy, "did you mean `initial`?");
+    assert_eq!(error("type = \"continuous\"", "type = \"continous\"").remedy, "did you mean `continuous`?");
+    let e = error("q.hinge = 0.3", "q.hing = 0.3");
+    assert_eq!((e.line, e.remedy.as_str()), (Some(14), "did you mean `hinge`?"));
+    assert_eq!(error("joint = \"hinge\" }", "joint = \"hinj\" }").remedy, "did you mean `hinge`?");
+}
+
+#[test]
+fn wrong_values_say_what_is_required() {
+    assert!(error("rtol = 1e-10", "rtol = nan").required.contains("finite"));
+    assert!(error("rtol = 1e-10", "rtol = 1").required.contains("1e-14"));
+    assert!(error("t_end = 2", "t_end = -2").required.contains("above 0"));
+    assert!(error("t_end = 2\n", "").found.contains("no `t_end`"));
+    assert!(error("t_end = 2", "t_end = 1979-05-27").found.contains("1979"));
+    assert!(error("q.hinge = 0.3", "q.hinge = [1, 2]").required.contains("1 finite"));
+    assert!(error("q.hinge = 0.3", "q.hinge = inf").required.contains("finite"));
+    assert!(error("mass = 1.0", "mass = -1.0").found.contains("mass"));
+    assert!(error("axis = [0, 1, 0]", "axis = [0, 0, 0]").found.contains("axis"));
+    assert!(error("parent = \"world\"", "parent = \"wold\"").found.contains("wold"));
+    assert!(error("rtol = 1e-10", "step = 0.1").found.contains("step"));
+    assert!(error("rtol = 1e-10", "method = \"rk4\"").remedy.contains("step"));
+    assert!(error("[integrator]", "[record]\nevery = 1e-12\n[integrator]").found.contains("samples"));
+}
+
+#[test]
+fn a_joint_without_inertia_is_named() {
+    let text = PENDULUM.replace("inertial = { mass", "# inertial = { mass");
+    let found = errors(&text);
+    assert!(
+        found[0].place.contains("hinge") && found[0].found.contains("no articulated inertia"),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn forces_name_what_is_wrong_with_them() {
+    let with = |force: &str| errors(&format!("{PENDULUM}\n[[force]]\n{force}\n"));
+    let first = |force: &str| with(force)[0].to_owned();
+    assert!(first("kind = \"sprng\"").remedy.contains("spring"));
+    assert!(first("joint = \"hinge\"").found.contains("no `kind`"));
+    assert!(first("kind = \"torque\"\njoint = \"hinge\"").found.contains("no `value`"));
+    assert!(first("kind = \"torque\"\njoint = \"hinge\"\nvalue = \"sin(x)\"").found.contains('x'));
+    assert!(
+        first("kind = \"torque\"\njoint = \"hinge\"\nvalue = [[1, 0], [0, 0]]")
+            .required
+            .contains("increasing")
+    );
+    assert!(
+        first("kind = \"spring\"\nbody_a = \"rod\"\nbody_b = \"rod\"\nstiffness = 1")
+            .found
+            .contains("one body")
+    );
+    assert!(first("kind = \"wrench\"\nbody = \"world\"").found.contains("world"));
+    assert!(first("kind = \"servo\"\njoint = \"hinge\"\ntarget = 0").found.contains("no `stiffness`"));
+    assert!(first("kind = \"damper\"\njoint = \"hinge\"\ndamping = -1").required.contains("at least 0"));
+    assert!(
+        first("kind = \"torque\"\njoint = \"hinge\"\ncomponent = 1\nvalue = 0")
+            .required
+            .contains("degree of freedom")
+    );
+}
+
+#[test]
+fn every_kind_of_force_is_read() {
+    let forces = r#"
+[[force]]
+kind = "torque"
+joint = "hinge"
+value = "0.1*sin(2*pi*t)"
+[[force]]
+kind = "torque"
+joint = "hinge"
+value = [[0, 0], [1, 0.2], [1.5, 0]]
+[[force]]
+kind = "servo"
+joint = "hinge"
+target = 0.1
+stiffness = 2
+damping = 0.1
+integral = 0.3
+limit = 5
+[[force]]
+kind = "spring"
+joint = "hinge"
+stiffness = 1
+rest = 0.2
+[[force]]
+kind = "spring"
+name = "cord"
+body_a = "world"
+point_a = [0, 0, 1]
+body_b = "rod"
+point_b = [1, 0, 0]
+stiffness = 3
+rest_length = 0.5
+[[force]]
+kind = "damper"
+body_a = "world"
+body_b = "rod"
+point_b = [1, 0, 0]
+damping = 0.1
+[[force]]
+kind = "wrench"
+body = "rod"
+point = [1, 0, 0]
+axes = "world"
+force = [0, 0, "exp(-t)"]
+"#;
+    let mut scene = scene(&format!("{PENDULUM}{forces}")).unwrap();
+    assert_eq!(scene.simulation.dynamics.forces().len(), 7);
+    let summary = run(&mut scene.simulation, &mut Recording::default()).unwrap();
+    // Work of all of them is integrated with the state at the run's tolerance.
+    assert!(summary.energy_error < 1e-8, "{}", summary.energy_error);
+}
+
+#[test]
+fn limits_that_are_passed_are_told_with_joint_and_time() {
+    let text = PENDULUM
+        .replace("type = \"continuous\"", "type = \"revolute\"\nlimit = { lower = -0.5, upper = 0.5 }");
+    let mut scene = scene(&text).unwrap();
+    let summary = run(&mut scene.simulation, &mut Recording::default()).unwrap();
+    let [limit] = &summary.limits[..] else { panic!("{:?}", summary.limits) };
+    assert_eq!((limit.joint.as_str(), limit.limit), ("hinge", 0.5));
+    // From 0.3 rad at rest, the rod takes 0.17 … 0.21 s to fall to 0.5 rad: ½ (3 g/2 cos q) t² = 0.2.
+    assert!(limit.between[0] < 0.21 && limit.between[1] > 0.16, "{limit:?}");
+}
+
+#[test]
+fn friction_is_reported_as_approximated_with_its_speed() {
+    let text = PENDULUM.replace("axis = [0, 1, 0]", "axis = [0, 1, 0]\ndynamics = { friction = 0.1 }");
+    let scene = scene(&text).unwrap();
+    let notes: Vec<String> = scene.reports[0].approximated.iter().map(|n| n.what.clone()).collect();
+    assert!(notes.iter().any(|n| n.contains("regularised") && n.contains("0.01")), "{notes:?}");
+}
+
+#[test]
+fn mimic_is_refused_unless_it_is_free() {
+    let second = r#"
+[[body]]
+name = "tip"
+inertial = { mass = 1.0, origin = { xyz = [0.5, 0, 0] }, inertia = { iyy = 0.1, izz = 0.1 } }
+[[joint]]
+name = "follower"
+type = "continuous"
+parent = "rod"
+child = "tip"
+axis = [0, 1, 0]
+mimic = { joint = "hinge" }
+"#;
+    let text = format!("{PENDULUM}{second}");
+    assert!(errors(&text).iter().any(|e| e.remedy.contains("mimic = \"free\"")));
+    let free = text.replace("title = \"pendulum\"", "title = \"pendulum\"\n[model]\nmimic = \"free\"");
+    let scene = scene(&free).unwrap();
+    assert!(scene.reports[0].approximated.iter().any(|n| n.what.contains("mimic")));
+}
