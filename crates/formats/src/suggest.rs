@@ -39,7 +39,12 @@ pub(crate) fn remedy(word: &str, known: &[&str], otherwise: &str) -> String {
 
 /// Text of the input in quotation marks, at most 60 characters of it, control characters escaped.
 pub(crate) fn quote(text: &str) -> String {
-    let mut out = String::from("\"");
+    format!("\"{}\"", shown(text))
+}
+
+/// At most 60 characters of the input, control characters escaped.
+pub(crate) fn shown(text: &str) -> String {
+    let mut out = String::new();
     for (i, c) in text.chars().enumerate() {
         if i == 60 {
             out.push('…');
@@ -47,6 +52,5 @@ pub(crate) fn quote(text: &str) -> String {
         }
         if c.is_control() { out.extend(c.escape_default()) } else { out.push(c) }
     }
-    out.push('"');
     out
 }

@@ -27,14 +27,15 @@
 
 mod joint;
 mod link;
+mod mimic;
 mod reader;
 
 use crate::report::{Loaded, Problem, Report};
-use crate::suggest::quote;
+use crate::suggest::{quote, shown};
 use crate::xml;
-use phipsi_model::{Base, Body, Coupling, Joint, Model, ModelBuilder, Severity, Subject, Violation};
+use phipsi_model::{Base, Body, Coupling, Joint, Model, ModelBuilder, Subject, Violation};
 use reader::{Element, Reader};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::io::Read as _;
 use std::path::Path;
 
@@ -116,7 +117,14 @@ pub fn urdf_builder(text: &str, source: &str, options: &UrdfOptions) -> Loaded<M
     if root.tag_name().name() != "robot" {
         let at = reader.element(root, "document");
         let found = format!("root element {}", quote(root.tag_name().name()));
-        reader.error(&at, found, "<robot>", "give a URDF file");
+        let to_do = match root.tag_name().name() {
+            "sdf" | "world" => "this is an SDF file: convert it to URDF",
+            "mujoco" | "mujocoinclude" => "this is a MuJoCo file: convert it to URDF",
+            "COLLADA" => "this is a COLLADA file: give the URDF that refers to it",
+            "launch" => "this is a ROS launch file: give the URDF that it loads",
+            _ => "give a URDF file",
+        };
+        reader.error(&at, found, "<robot>", to_do);
         return Loaded { value: None, report: reader.report };
     }
     let robot = Robot::read(&mut reader, root, options);
@@ -161,7 +169,10 @@ fn read_text(path: &Path) -> Result<String, Problem> {
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
         let line = 1 + error.as_bytes()[..at].iter().filter(|b| **b == b'\n').count();
-        let found = format!("byte {at} is not UTF-8");
+        let found = match error.as_bytes() {
+            [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => "text in UTF-16".into(),
+            _ => format!("byte {at} is not UTF-8"),
+        };
         Problem::new(u32::try_from(line).ok(), "file", found, "text in UTF-8", "convert the file to UTF-8")
     })
 }
@@ -189,15 +200,23 @@ struct Robot {
     kinds: BTreeMap<&'static str, usize>,
     /// The first link that is nobody's child.
     root: Option<String>,
+    /// True if a link or joint without a usable name or child was left out: the rest need not be connected.
+    incomplete: bool,
 }
 
 impl Robot {
-    fn read<'a>(reader: &mut Reader, node: roxmltree::Node<'a, 'a>, options: &UrdfOptions) -> Robot {
-        let name = node.attribute("name").unwrap_or("robot");
-        let at = reader.element(node, format!("robot `{name}`"));
+    fn read<'a>(reader: &mut Reader, node: roxmltree::Node<'a, 'a>, options: &UrdfOptions) -> Self {
+        let at = reader.element(
+            node,
+            match node.attribute("name") {
+                Some(name) => format!("robot `{}`", shown(name)),
+                None => "robot".into(),
+            },
+        );
         if !node.has_attribute("name") {
             reader.warning(&at, "no attribute `name` in <robot>", "a name", "add name=\"…\"");
         }
+        let name = node.attribute("name").and_then(|_| reader.name(&at, "name")).unwrap_or("robot");
         reader.check_attributes(&at, &["name", "version"]);
         let mut robot = Robot {
             place: at.place.clone(),
@@ -207,31 +226,29 @@ impl Robot {
             joints: HashMap::new(),
             kinds: BTreeMap::new(),
             root: None,
+            incomplete: false,
         };
         let children = reader.children(&at, &["link", "joint"], &IGNORED);
         let mut order = Vec::new();
         for node in children.iter().filter(|n| n.tag_name().name() == "link") {
-            if let Some(name) = robot.link(reader, *node) {
-                order.push(name);
+            match robot.link(reader, *node) {
+                Some(name) => order.push(name),
+                None => robot.incomplete = true,
             }
         }
         let mut joints = Vec::new();
         for node in children.iter().filter(|n| n.tag_name().name() == "joint") {
-            joints.extend(robot.joint(reader, *node));
+            match robot.joint(reader, *node) {
+                Some(joint) => joints.push(joint),
+                None => robot.incomplete = true,
+            }
         }
-        let mut inboard: HashMap<&str, ()> = HashMap::new();
-        let mut freedoms: HashMap<&str, usize> = HashMap::new();
-        for (_, joint, [_, child], _) in &joints {
-            inboard.insert(child, ());
-            freedoms.insert(&joint.name, joint.kind.nv());
+        let children: HashSet<&str> = joints.iter().map(|read| read.links[1]).collect();
+        robot.root = order.iter().find(|name| !children.contains(*name)).map(|name| (*name).into());
+        for coupling in mimic::couplings(reader, &joints, options.mimic) {
+            robot.builder = std::mem::take(&mut robot.builder).coupling(coupling);
         }
-        robot.root = order.iter().find(|name| !inboard.contains_key(*name)).map(|name| (*name).into());
-        for (at, _, _, coupling) in &joints {
-            let Some(coupling) = coupling else { continue };
-            robot.builder =
-                couple(reader, std::mem::take(&mut robot.builder), at, coupling, &freedoms, options);
-        }
-        for (_, joint, [parent, child], _) in joints {
+        for ReadJoint { joint, links: [parent, child], .. } in joints {
             robot.builder = std::mem::take(&mut robot.builder).joint(joint, parent, child);
         }
         robot
@@ -248,18 +265,14 @@ impl Robot {
     }
 
     /// Reads a joint; `None` where it has no name or no child.
-    fn joint<'a>(
-        &mut self,
-        reader: &mut Reader,
-        node: roxmltree::Node<'a, 'a>,
-    ) -> Option<(Element<'a>, Joint, [&'a str; 2], Option<Coupling>)> {
+    fn joint<'a>(&mut self, reader: &mut Reader, node: roxmltree::Node<'a, 'a>) -> Option<ReadJoint<'a>> {
         let (at, name) = named(reader, node);
-        let joint::Read { joint, links: [parent, child], coupling } =
+        let joint::Read { joint, has_kind, links: [parent, child], coupling } =
             joint::read(reader, &at, name.unwrap_or_default());
         *self.kinds.entry(joint.kind.word()).or_default() += 1;
         self.joints.entry(name?.into()).or_default().push(at.line);
         // A missing parent has been reported; in its place the world keeps the child from being reported as a root too.
-        Some((at, joint, [parent.unwrap_or("world"), child?], coupling))
+        Some(ReadJoint { at, joint, has_kind, links: [parent.unwrap_or("world"), child?], coupling })
     }
 
     /// The violations of the model, each with the line of its link or joint.
@@ -267,14 +280,17 @@ impl Robot {
         let mut repeated: HashMap<String, usize> = HashMap::new();
         for violation in self.builder.check() {
             let Violation { subject, severity, found, required, remedy } = violation;
+            if self.incomplete && subject == Subject::Model {
+                continue;
+            }
             let lines = match &subject {
                 Subject::Body(name) => self.links.get(name),
                 Subject::Joint(name) => self.joints.get(name),
                 Subject::Model => None,
             };
             let place = match &subject {
-                Subject::Body(name) => format!("link `{name}`"),
-                Subject::Joint(name) => format!("joint `{name}`"),
+                Subject::Body(name) => format!("link `{}`", shown(name)),
+                Subject::Joint(name) => format!("joint `{}`", shown(name)),
                 Subject::Model => self.place.clone(),
             };
             let mut line = match &subject {
@@ -287,10 +303,7 @@ impl Robot {
                 line = lines.and_then(|l| l.get(*n).copied().flatten()).or(line);
             }
             let problem = Problem { line, place, found, required, remedy };
-            match severity {
-                Severity::Error => reader.report.errors.push(problem),
-                Severity::Warning => reader.report.warnings.push(problem),
-            }
+            reader.problem(severity, problem);
         }
     }
 
@@ -310,7 +323,7 @@ impl Robot {
                 (_, Base::Fixed) => "root, welded to the world",
                 (_, Base::Free) => "root, a free base",
             };
-            note(format!("link `{root}`"), line, what.into());
+            note(format!("link `{}`", shown(root)), line, what.into());
         }
         note(self.place.clone(), self.line, format!("links: {links}, joints: {joints}{kinds}"));
     }
@@ -320,35 +333,19 @@ impl Robot {
 fn named<'a>(reader: &mut Reader, node: roxmltree::Node<'a, 'a>) -> (Element<'a>, Option<&'a str>) {
     let tag = node.tag_name().name();
     let place = match node.attribute("name") {
-        Some(name) => format!("{tag} `{name}`"),
+        Some(name) => format!("{tag} `{}`", shown(name)),
         None => format!("{tag} without a name"),
     };
     let at = reader.element(node, place);
-    let name = reader.text(&at, "name");
+    let name = reader.name(&at, "name");
     (at, name)
 }
 
-/// Adds a coupling, or notes that it is dropped.
-fn couple(
-    reader: &mut Reader,
-    builder: ModelBuilder,
-    at: &Element<'_>,
-    coupling: &Coupling,
-    freedoms: &HashMap<&str, usize>,
-    options: &UrdfOptions,
-) -> ModelBuilder {
-    let source = &coupling.source;
-    if options.mimic == Mimic::Free {
-        reader.approximated(at, format!("mimic of joint `{source}` dropped: the joint moves freely"));
-        return builder;
-    }
-    for name in [&coupling.joint, source] {
-        let Some(&n) = freedoms.get(name.as_str()) else { continue };
-        if n != 1 {
-            let found = format!("mimic with joint `{name}`, which has {n} degrees of freedom");
-            reader.error(at, found, "joints with one degree of freedom", "remove the <mimic>");
-        }
-    }
-    reader.used(at, format!("mimic of joint `{source}`, a coupling"));
-    builder.coupling(coupling.clone())
+/// A joint with its element.
+struct ReadJoint<'a> {
+    at: Element<'a>,
+    joint: Joint,
+    has_kind: bool,
+    links: [&'a str; 2],
+    coupling: Option<Coupling>,
 }

@@ -43,7 +43,11 @@ pub(crate) fn parse(text: &str) -> Result<Document<'_>, Problem> {
     let options = ParsingOptions { allow_dtd: false, nodes_limit: MOST_NODES, ..Default::default() };
     Document::parse_with_options(text, options).map_err(|error| {
         let position = error.pos();
-        let remedy = match error {
+        let remedy = match &error {
+            roxmltree::Error::UnknownNamespace(prefix, _) if prefix == "xacro" => {
+                "expand the file with the program xacro first"
+            }
+            roxmltree::Error::UnknownNamespace(..) => "declare the prefix in <robot> by xmlns:PREFIX=\"…\"",
             roxmltree::Error::DtdDetected => "remove the DOCTYPE declaration",
             roxmltree::Error::NodesLimitReached => "split the file",
             _ => "correct the file at this place; if it is made by a program, see whether it was written to its end",

@@ -16,6 +16,8 @@ const IGNORED: [(&str, &str); 4] = [
 /// What a joint element says.
 pub(super) struct Read<'a> {
     pub joint: Joint,
+    /// False where the type could not be read, so that the joint stands in for it.
+    pub has_kind: bool,
     /// Names of the parent and child link; `None` where missing and reported.
     pub links: [Option<&'a str>; 2],
     pub coupling: Option<Coupling>,
@@ -32,14 +34,18 @@ pub(super) fn read<'a>(reader: &mut Reader, at: &Element<'a>, name: &str) -> Rea
         let element = reader.required(at, &children, role)?;
         reader.check_attributes(&element, &["link"]);
         reader.children(&element, &[], &[]);
-        reader.text(&element, "link")
+        reader.name(&element, "link")
     });
-    let kind = kind(reader, at, &children).unwrap_or(JointKind::Fixed);
-    let (damping, friction) = dynamics(reader, at, &children, kind);
-    let limits = limits(reader, at, &children, kind);
+    let kind = kind(reader, at, &children);
+    let has_kind = kind.is_some();
+    // Beside an unknown type, the rest is read as that of a joint which can have all of it and needs nothing.
+    let assumed = kind.unwrap_or(JointKind::Helical { axis: [1.0, 0.0, 0.0], pitch: 0.0 });
+    let (damping, friction) = dynamics(reader, at, &children, assumed);
+    let limits = limits(reader, at, &children, assumed);
+    let kind = kind.unwrap_or(JointKind::Fixed);
     let coupling = coupling(reader, at, &children, name);
     let joint = Joint { name: name.into(), kind, placement, limits, damping, friction };
-    Read { joint, links, coupling }
+    Read { joint, has_kind, links, coupling }
 }
 
 /// The joint's type with its axes.
@@ -149,7 +155,9 @@ fn limits<'a>(reader: &mut Reader, at: &Element<'a>, children: &[Node<'a, 'a>], 
             None if given => continue,
             None if !limited => continue,
             None => (format!("no attribute `{name}` in <limit>"), "add it; it is read as no limit"),
-            Some(v) if v < 0.0 => (format!("{name}=\"{v}\""), "give a positive number"),
+            Some(v) if v < 0.0 => {
+                (format!("{name}=\"{v}\""), "give a positive number; it is read as no limit")
+            }
             Some(0.0) => (format!("{name}=\"0\""), "give the largest value, or leave it out for no limit"),
             Some(_) => continue,
         };
@@ -183,6 +191,7 @@ fn limits<'a>(reader: &mut Reader, at: &Element<'a>, children: &[Node<'a, 'a>], 
             Some([lower, upper])
         }
     };
+    let [velocity, effort] = [velocity, effort].map(|limit| limit.filter(|v| *v >= 0.0));
     let limits = Limits { position, velocity, effort };
     if limits != Limits::default() {
         reader.used(&element, "limits, kept beside the equations of motion");
@@ -200,7 +209,7 @@ fn coupling<'a>(
     let element = reader.only(at, children, "mimic")?;
     reader.check_attributes(&element, &["joint", "multiplier", "offset"]);
     reader.children(&element, &[], &[]);
-    let source = reader.text(&element, "joint");
+    let source = reader.name(&element, "joint");
     let multiplier = reader.number(&element, "multiplier");
     let offset = reader.number(&element, "offset");
     Some(Coupling {

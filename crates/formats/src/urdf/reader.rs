@@ -3,8 +3,20 @@
 use crate::report::{Note, Problem, Report};
 use crate::suggest::{quote, remedy};
 use crate::xml::Lines;
-use phipsi_model::Placement;
+use phipsi_model::{Placement, Severity};
 use roxmltree::{Attribute, Node};
+
+/// Longest name of a link or joint, bytes: names are repeated in what is reported on their parts.
+const LONGEST_NAME: usize = 1000;
+/// Most entries of each list of the report.
+const MOST_ENTRIES: usize = 200_000;
+/// Angles beyond this are taken for degrees by mistake: a full turn, with some room for rounding.
+const LARGEST_ANGLE: f64 = 6.5;
+
+/// What to do about the language of templates.
+const EXPAND: &str = "expand the file with the program xacro first";
+/// Elements of that language, in which they may stand without its prefix.
+const XACRO_WORDS: [&str; 7] = ["include", "macro", "property", "if", "unless", "arg", "insert_block"];
 
 /// An element and its place for the report: "link `arm`".
 #[derive(Clone)]
@@ -36,19 +48,32 @@ impl Reader {
         Element { node, place: place.into(), line: self.lines.of(node) }
     }
     pub fn error(&mut self, at: &Element<'_>, found: impl Into<String>, required: &str, remedy: &str) {
-        self.report.errors.push(Problem::new(at.line, &at.place, found, required, remedy));
+        self.problem(Severity::Error, Problem::new(at.line, &at.place, found, required, remedy));
     }
     pub fn warning(&mut self, at: &Element<'_>, found: impl Into<String>, required: &str, remedy: &str) {
-        self.report.warnings.push(Problem::new(at.line, &at.place, found, required, remedy));
+        self.problem(Severity::Warning, Problem::new(at.line, &at.place, found, required, remedy));
+    }
+    /// Adds a problem, as long as the report has room.
+    pub fn problem(&mut self, severity: Severity, problem: Problem) {
+        let (list, word) = match severity {
+            Severity::Error => (&mut self.report.errors, "errors"),
+            Severity::Warning => (&mut self.report.warnings, "warnings"),
+        };
+        if list.len() < MOST_ENTRIES {
+            list.push(problem);
+        } else if list.len() == MOST_ENTRIES {
+            let found = format!("more than {MOST_ENTRIES} {word}, of which the rest is not listed");
+            list.push(Problem::new(problem.line, "report", found, "fewer", "correct these first"));
+        }
     }
     pub fn used(&mut self, at: &Element<'_>, what: impl Into<String>) {
-        self.report.used.push(Note::new(at.line, &at.place, what));
+        note(&mut self.report.used, at.line, &at.place, what);
     }
     pub fn approximated(&mut self, at: &Element<'_>, what: impl Into<String>) {
-        self.report.approximated.push(Note::new(at.line, &at.place, what));
+        note(&mut self.report.approximated, at.line, &at.place, what);
     }
     pub fn ignored(&mut self, at: &Element<'_>, what: impl Into<String>) {
-        self.report.ignored.push(Note::new(at.line, &at.place, what));
+        note(&mut self.report.ignored, at.line, &at.place, what);
     }
 
     /// Notes every attribute that is not in `known`: with a warning, unless it is of another namespace.
@@ -60,16 +85,11 @@ impl Reader {
             } else if !known.contains(&name) {
                 let line = self.lines.of_attribute(&attribute);
                 let what = format!("attribute {} of <{}>", quote(name), at.tag());
-                self.report.ignored.push(Note::new(line, &at.place, &what));
+                note(&mut self.report.ignored, line, &at.place, &what);
                 let found = format!("unknown {what}");
                 let to_do = remedy(name, known, "remove it");
-                self.report.warnings.push(Problem::new(
-                    line,
-                    &at.place,
-                    found,
-                    "an attribute of URDF",
-                    to_do,
-                ));
+                let problem = Problem::new(line, &at.place, found, "an attribute of URDF", to_do);
+                self.problem(Severity::Warning, problem);
             }
         }
     }
@@ -105,10 +125,13 @@ impl Reader {
                     noted.push(name);
                     self.ignored(&child, format!("{name}, {what}"));
                 }
+            } else if XACRO_WORDS.contains(&name) {
+                let what = format!("element <{name}>, which only xacro knows");
+                self.error(&child, what, "plain URDF", EXPAND);
             } else {
                 let known: Vec<&str> =
                     used.iter().copied().chain(ignored.iter().map(|(known, _)| *known)).collect();
-                self.ignored(&child, format!("element <{}>", name.escape_debug()));
+                self.ignored(&child, format!("element {}", quote(name)));
                 let what = format!("unknown element {} in <{}>", quote(name), at.tag());
                 self.warning(&child, what, "an element of URDF", &remedy(name, &known, "remove it"));
             }
@@ -124,7 +147,7 @@ impl Reader {
         let what = format!("element {} of another namespace", quote(child.tag()));
         if child.node.tag_name().namespace().is_some_and(|n| n.contains("xacro")) {
             let what = format!("xacro element {}", quote(child.tag()));
-            self.error(child, what, "plain URDF", "expand the file with the program xacro first");
+            self.error(child, what, "plain URDF", EXPAND);
         } else {
             self.ignored(child, what);
         }
@@ -169,6 +192,22 @@ impl Reader {
         value
     }
 
+    /// A name; an error if it is missing, blank, longer than any name should be, or a template.
+    pub fn name<'a>(&mut self, at: &Element<'a>, attribute: &str) -> Option<&'a str> {
+        let name = self.text(at, attribute)?;
+        let found = || format!("{attribute}={} in <{}>", quote(name), at.tag());
+        if name.contains("${") || name.contains("$(") {
+            self.error(at, found(), "plain URDF", EXPAND);
+            return None;
+        }
+        if name.len() > LONGEST_NAME {
+            let found = format!("{}, of {} bytes", found(), name.len());
+            self.error(at, found, &format!("at most {LONGEST_NAME} bytes"), "give a shorter name");
+            return None;
+        }
+        Some(name)
+    }
+
     /// N numbers of an attribute; `None` if it is missing, or wrong and reported.
     pub fn numbers<const N: usize>(&mut self, at: &Element<'_>, name: &str) -> Option<[f64; N]> {
         let attribute = at.node.attribute_node(name)?;
@@ -192,7 +231,7 @@ impl Reader {
                 }
                 Err(_) => {
                     let to_do = if word.contains("${") {
-                        "expand the file with the program xacro first"
+                        EXPAND
                     } else if word.contains(',') {
                         "write the decimal point as `.` and separate numbers by spaces"
                     } else {
@@ -227,7 +266,7 @@ impl Reader {
     ) -> Option<T> {
         let line = self.lines.of_attribute(attribute);
         let found = format!("{} in attribute `{}` of <{}>", quote(word), attribute.name(), at.tag());
-        self.report.errors.push(Problem::new(line, &at.place, found, required, to_do));
+        self.problem(Severity::Error, Problem::new(line, &at.place, found, required, to_do));
         None
     }
 
@@ -259,6 +298,23 @@ impl Reader {
             }
             return Placement { translation: xyz, rotation };
         }
+        if let Some(angle) = rpy.iter().flatten().find(|angle| angle.abs() > LARGEST_ANGLE) {
+            let to_do = format!("if it is meant in degrees, write {:.9}", angle.to_radians());
+            self.warning(origin, format!("angle {angle} in `rpy`, more than a turn"), "radians", &to_do);
+        }
         Placement::from_xyz_rpy(xyz, rpy.unwrap_or([0.0; 3]))
+    }
+}
+
+/// Adds a note, as long as the list has room.
+fn note(list: &mut Vec<Note>, line: Option<u32>, place: &str, what: impl Into<String>) {
+    if list.len() < MOST_ENTRIES {
+        list.push(Note::new(line, place, what));
+    } else if list.len() == MOST_ENTRIES {
+        list.push(Note::new(
+            None,
+            "report",
+            format!("more than {MOST_ENTRIES} entries, the rest is not listed"),
+        ));
     }
 }
