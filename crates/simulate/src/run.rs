@@ -412,7 +412,11 @@ impl<'a> Runner<'a> {
             Ok(_) if observer.stop() => Ok(None),
             Ok(estimate) => Ok(Some(estimate)),
             Err(_) if observer.stop() => Ok(None),
-            Err(e) => Err(SimulateError::stopped(&e, self.simulation.dynamics.model())),
+            // The run itself has succeeded: that there is no estimate is a result too.
+            Err(e) => {
+                let how = format!("none: the companion run stopped, {}", e.describe(self.simulation.model()));
+                Ok(Some(ErrorEstimate { q: None, v: None, horizon: None, how, evaluations: 0 }))
+            }
         }
     }
 

@@ -63,12 +63,12 @@ fn a_scene_runs_and_measures() {
 #[test]
 fn unknown_keys_and_words_come_with_a_suggestion() {
     let e = error("rtol = 1e-10", "rtoll = 1e-10");
-    assert_eq!((e.line, e.remedy.as_str()), (Some(17), "did you mean `rtol`?"));
+    assert_eq!((e.line, e.remedy.as_str()), (Some(16), "did you mean `rtol`?"));
     assert_eq!(error("[initial]", "[inital]").remedy, "did you mean `initial`?");
     assert_eq!(error("type = \"continuous\"", "type = \"continous\"").remedy, "did you mean `continuous`?");
     let e = error("q.hinge = 0.3", "q.hing = 0.3");
-    assert_eq!((e.line, e.remedy.as_str()), (Some(14), "did you mean `hinge`?"));
-    assert_eq!(error("joint = \"hinge\" }", "joint = \"hinj\" }").remedy, "did you mean `hinge`?");
+    assert_eq!((e.line, e.remedy.as_str()), (Some(13), "did you mean `hinge`?"));
+    assert_eq!(error("joint = \"hinge\" }", "joint = \"hingee\" }").remedy, "did you mean `hinge`?");
 }
 
 #[test]
