@@ -237,6 +237,36 @@ pub fn configuration(random: &mut Random, model: &Model) -> Vec<f64> {
     q
 }
 
+/// The model with other bodies and joints; names, tree and gravity stay.
+pub fn rebuilt(
+    model: &Model,
+    mut body: impl FnMut(usize, &Body) -> Inertia,
+    mut joint: impl FnMut(usize, &Joint) -> (JointKind, Placement),
+    gravity: [f64; 3],
+) -> Model {
+    let mut builder = ModelBuilder::new(model.name()).gravity(gravity);
+    for (k, (old, hinge)) in model.bodies().iter().zip(model.joints()).enumerate() {
+        let parent = model.tree().parent(k).map_or("world".into(), |p| model.bodies()[p].name.clone());
+        let (kind, placement) = joint(k, hinge);
+        builder = builder.body(Body::new(old.name.as_str(), body(k, old))).joint(
+            Joint::new(hinge.name.as_str(), kind).at(placement),
+            parent,
+            old.name.as_str(),
+        );
+    }
+    builder.build().expect("another valid model")
+}
+
+/// The model with some bodies without mass and some that are points.
+pub fn starved(random: &mut Random, model: &Model) -> Model {
+    let body = |_: usize, body: &Body| match random.below(4) {
+        0 => Inertia::ZERO,
+        1 => Inertia { tensor: [0.0; 6], ..body.inertia },
+        _ => body.inertia,
+    };
+    rebuilt(model, body, |_, joint| (joint.kind, joint.placement), model.gravity())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

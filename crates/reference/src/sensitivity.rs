@@ -1,7 +1,7 @@
 //! How much a result answers to relative changes of its inputs: the κ in budgets n·ε·κ.
 
-use crate::generate::Case;
-use phipsi_model::{Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random};
+use crate::generate::{Case, rebuilt};
+use phipsi_model::{Body, Inertia, Joint, JointKind, Model, Placement, Random};
 use phipsi_spatial::{Dd, Vec3, Wrench};
 
 /// Size of the perturbations. Results are computed in double-double numbers, so that their differences keep 15 digits
@@ -82,15 +82,17 @@ fn placement(x: Placement, random: &mut Random, step: f64) -> Placement {
 /// The model with all numbers changed by parts of at most `step`; names, order and zeros stay.
 pub fn perturbed_model(model: &Model, random: &mut Random, step: f64) -> Model {
     let gravity = vector(model.gravity(), random, step);
-    let mut builder = ModelBuilder::new(model.name()).gravity(gravity);
-    for (k, joint) in model.joints().iter().enumerate() {
-        let body = &model.bodies()[k];
+    let mut joint_random = Random::new(random.bits());
+    let body = |_: usize, body: &Body| {
         let Inertia { mass, frame, tensor } = body.inertia;
-        let inertia = Inertia {
+        Inertia {
             mass: mass * (1.0 + step * random.signed()),
             frame: placement(frame, random, step),
             tensor: vector(tensor, random, step),
-        };
+        }
+    };
+    let joint = |_: usize, joint: &Joint| {
+        let random = &mut joint_random;
         // The direction of a single axis changes with the placement's rotation.
         let kind = match joint.kind {
             JointKind::Helical { axis, pitch } => {
@@ -101,12 +103,9 @@ pub fn perturbed_model(model: &Model, random: &mut Random, step: f64) -> Model {
             }
             kind => kind,
         };
-        let moved = Joint::new(joint.name.as_str(), kind).at(placement(joint.placement, random, step));
-        let parent = model.tree().parent(k).map_or("world".into(), |p| model.bodies()[p].name.clone());
-        builder =
-            builder.body(Body::new(body.name.as_str(), inertia)).joint(moved, parent, body.name.as_str());
-    }
-    builder.build().expect("a small change leaves a model valid")
+        (kind, placement(joint.placement, random, step))
+    };
+    rebuilt(model, body, joint, gravity)
 }
 
 /// The state of the case in double-double numbers.
