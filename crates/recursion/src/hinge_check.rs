@@ -3,22 +3,24 @@
 use crate::layout::{GROUND, Layout};
 use crate::mass_matrix::composite_inertias;
 use phipsi_model::{Model, Subject, Violation};
-use phipsi_spatial::RigidInertia;
+use phipsi_spatial::{Dd, Scalar};
 
-/// D below this part of the inertia it was formed from is rounding: 4 ε.
+/// D below this part of the inertia it was formed from is rounding in f64: 4 ε.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 /// Joints whose articulated inertia is zero at generic configurations: massless chains, or mass on the joint's axis only.
 ///
 /// # Method
-/// The articulated sweep at three random states; a pivot is singular if it is below 4 ε times the scale of its own
-/// joint: the trace of the composite inertia about the hinge, or the composite mass. A singular hinge is treated as locked, so that the
-/// next ones inboard are judged too. Cost O(n).
+/// The articulated sweep at three random states, in double-double numbers, so that rounding does not pass for inertia; a
+/// pivot is singular if it is below 4 ε times the scale of its own joint: the trace of the composite inertia about the
+/// hinge, or the composite mass. A singular hinge is treated as locked, so that the next ones inboard are judged too.
+/// Cost O(n).
 pub fn singular_hinges(model: &Model) -> Vec<Violation> {
-    let layout = Layout::<f64>::new(model);
+    let layout = Layout::<Dd>::new(model);
     let mut singular: Option<Vec<bool>> = None;
     for seed in 0..3 {
-        let now = singular_at(&layout, &model.random_state(seed).q);
+        let q: Vec<Dd> = model.random_state(seed).q.iter().map(|&x| Dd::from_f64(x)).collect();
+        let now = singular_at(&layout, &q);
         singular = Some(match singular {
             None => now,
             Some(before) => before.iter().zip(&now).map(|(a, b)| *a && *b).collect(),
@@ -39,10 +41,9 @@ pub fn singular_hinges(model: &Model) -> Vec<Violation> {
     found
 }
 
-fn singular_at(layout: &Layout<f64>, q: &[f64]) -> Vec<bool> {
+fn singular_at(layout: &Layout<Dd>, q: &[Dd]) -> Vec<bool> {
     let (hinge, R) = composite_inertias(layout, q);
-    let mut P: Vec<_> =
-        layout.bodies.iter().map(|b| RigidInertia::<f64>::constant(&b.inertia).to_articulated()).collect();
+    let mut P: Vec<_> = layout.bodies.iter().map(|b| b.inertia.to_articulated()).collect();
     let mut singular = vec![false; layout.nv()];
     for (k, body) in layout.bodies.iter().enumerate().rev() {
         let r = &R[k];
@@ -52,8 +53,8 @@ fn singular_at(layout: &Layout<f64>, q: &[f64]) -> Vec<bool> {
             let axis = body.hinge.axis(i);
             let column = P[k].times(axis);
             let D = axis.dot(column);
-            if D.is_finite() && D > ROUNDING * scale {
-                P[k].add_outer(column, -1.0 / D);
+            if D.is_positive() && D > scale * Dd::from_f64(ROUNDING) {
+                P[k].add_outer(column, -D.recip());
             } else {
                 singular[body.v + i] = true;
             }

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{agree, by_vectors, growth, wide, wide_wrenches};
+use common::{agree, by_vectors, gram, growth, wide, wide_wrenches};
 use phipsi_recursion as fast;
 use phipsi_recursion::{About, ArticulatedSweep, Kinematics};
 use phipsi_reference as slow;
@@ -158,14 +158,6 @@ fn gyroscopic_terms(case: &Case) -> Vec<f64> {
         }
     }
     terms
-}
-
-/// An entry of a Gram matrix is a sum of terms up to the root of the product of its diagonal entries, also where it is zero.
-fn gram(diagonal: impl Fn(usize) -> f64, size: &mut [f64]) {
-    let n = size.len().isqrt();
-    for (ij, size) in size.iter_mut().enumerate() {
-        *size = size.max((diagonal(ij / n) * diagonal(ij % n)).sqrt());
-    }
 }
 
 #[test]

@@ -99,6 +99,14 @@ pub fn by_vectors(size: &mut [f64]) {
     }
 }
 
+/// An entry of a Gram matrix is a sum of terms up to the root of the product of its diagonal entries, also where it is zero.
+pub fn gram(diagonal: impl Fn(usize) -> f64, size: &mut [f64]) {
+    let n = size.len().isqrt();
+    for (ij, size) in size.iter_mut().enumerate() {
+        *size = size.max((diagonal(ij / n) * diagonal(ij % n)).sqrt());
+    }
+}
+
 /// In double-double numbers.
 pub fn wide(x: Vec3<f64>) -> Vec3<Dd> {
     Vec3(x.0.map(Dd::from_f64))
