@@ -1,0 +1,7 @@
+//! Molecules: rigid clusters of atoms joined by torsions as an ordinary model, force fields as ordinary forces.
+//!
+//! Units are OpenMM's: nm, ps, Da, kJ/mol, e, K.
+
+pub mod potential;
+
+pub use potential::{Potential, PotentialError};
