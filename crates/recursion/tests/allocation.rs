@@ -1,0 +1,49 @@
+//! Workspaces are made once; afterwards nothing allocates. A binary of its own: the counter is the global allocator.
+
+use allocation_counter::measure;
+use phipsi_recursion::articulated_sweep::SolveWorkspace;
+use phipsi_recursion::{
+    ArticulatedSweep, ForwardDynamics, InverseDynamics, Kinematics, Layout, body_pose, body_velocity,
+};
+use phipsi_reference::generate::case;
+
+fn assert_none(what: &str, seed: u64, run: impl FnOnce()) {
+    let counted = measure(run);
+    assert_eq!(counted.count_total, 0, "{what}, seed {seed}: {counted:?}");
+}
+
+#[test]
+fn the_counter_counts() {
+    assert_eq!(measure(|| drop(vec![0u8; 8])).count_total, 1);
+}
+
+#[test]
+fn kernels_do_not_allocate() {
+    for seed in 0..50 {
+        let case = case(seed);
+        let layout = Layout::<f64>::new(&case.model);
+        let (q, v, wrenches) = (&case.q[..], &case.v[..], Some(&case.wrenches[..]));
+        let mut out = vec![0.0; case.model.nv()];
+        let mut forward = ForwardDynamics::new(&layout);
+        let mut inverse = InverseDynamics::new(&layout);
+        let mut kinematics = Kinematics::new(&layout);
+        let sweep = ArticulatedSweep::new(&layout, q).unwrap();
+        let mut workspace = SolveWorkspace::new(&layout);
+        assert_none("forward dynamics", seed, || {
+            forward.run(&layout, q, v, &case.tau, wrenches, &mut out).unwrap();
+        });
+        assert_none("inverse dynamics", seed, || {
+            inverse.run(&layout, q, v, &case.a, wrenches, &mut out).unwrap();
+        });
+        assert_none("solve", seed, || sweep.solve_in_place(&layout, &mut out, &mut workspace));
+        assert_none("kinematics", seed, || {
+            kinematics.set_position(&layout, q).unwrap();
+            kinematics.set_velocity(&layout, v).unwrap();
+            kinematics.set_acceleration(&layout, v, &case.a).unwrap();
+        });
+        assert_none("one body", seed, || {
+            body_pose(&layout, q, Some(case.body)).unwrap();
+            body_velocity(&layout, q, v, Some(case.body)).unwrap();
+        });
+    }
+}
