@@ -44,9 +44,14 @@ pub(crate) fn quote(text: &str) -> String {
 
 /// At most 60 characters of the input, control characters escaped.
 pub(crate) fn shown(text: &str) -> String {
+    shortened(text, 60)
+}
+
+/// At most so many characters, control characters escaped.
+pub(crate) fn shortened(text: &str, most: usize) -> String {
     let mut out = String::new();
     for (i, c) in text.chars().enumerate() {
-        if i == 60 {
+        if i == most {
             out.push('…');
             break;
         }

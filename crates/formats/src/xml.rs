@@ -1,6 +1,7 @@
 //! XML with bounds: lines of everything, and refusal of what would take more than linear time.
 
 use crate::report::Problem;
+use crate::suggest::shortened;
 use roxmltree::{Attribute, Document, Node, ParsingOptions};
 
 /// Deepest nesting of elements; a robot file has about ten levels.
@@ -42,7 +43,15 @@ pub(crate) fn parse(text: &str) -> Result<Document<'_>, Problem> {
     check_bounds(text)?;
     let options = ParsingOptions { allow_dtd: false, nodes_limit: MOST_NODES, ..Default::default() };
     Document::parse_with_options(text, options).map_err(|error| {
-        let position = error.pos();
+        let position = match error {
+            // These have no place of their own: it is the end.
+            roxmltree::Error::UnexpectedEndOfStream | roxmltree::Error::UnclosedRootNode => {
+                let last = text.trim_end().rsplit('\n').next().unwrap_or_default();
+                let row = 1 + text.trim_end().bytes().filter(|b| *b == b'\n').count();
+                roxmltree::TextPos::new(u32::try_from(row).unwrap_or(u32::MAX), last.chars().count() as u32 + 1)
+            }
+            _ => error.pos(),
+        };
         let remedy = match &error {
             roxmltree::Error::UnknownNamespace(prefix, _) if prefix == "xacro" => {
                 "expand the file with the program xacro first"
@@ -53,7 +62,9 @@ pub(crate) fn parse(text: &str) -> Result<Document<'_>, Problem> {
             _ => "correct the file at this place; if it is made by a program, see whether it was written to its end",
         };
         let place = format!("XML, column {}", position.col);
-        Problem::new(Some(position.row), place, error.to_string(), "well-formed XML without a DTD", remedy)
+        // The message repeats names of the file, of any length.
+        let found = shortened(&error.to_string(), 200);
+        Problem::new(Some(position.row), place, found, "well-formed XML without a DTD", remedy)
     })
 }
 

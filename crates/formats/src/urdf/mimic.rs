@@ -12,8 +12,11 @@ const MOST_NAMES: usize = 10_000;
 
 /// The couplings that the model gets; what is wrong with a `<mimic>` is reported, also where it is dropped.
 pub(super) fn couplings(reader: &mut Reader, joints: &[ReadJoint<'_>], mimic: Mimic) -> Vec<Coupling> {
-    let index: HashMap<&str, usize> =
-        joints.iter().enumerate().map(|(i, j)| (j.joint.name.as_str(), i)).collect();
+    let mut index: HashMap<&str, usize> = HashMap::new();
+    for (i, read) in joints.iter().enumerate() {
+        // Of two joints with one name, which is an error of its own, the first.
+        index.entry(&read.joint.name).or_insert(i);
+    }
     let source = |i: usize| joints[i].coupling.as_ref().and_then(|c| index.get(c.source.as_str()).copied());
     let on_cycle = on_cycle(joints.len(), source);
     let mut found = Vec::new();
