@@ -1,0 +1,91 @@
+//! The index of algorithms: every kernel file has a dense twin and a row, and what a row names exists.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Files of `recursion` that hold no algorithm.
+const SUPPORT: [&str; 4] = ["lib", "error", "hinge", "layout"];
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+fn read(path: PathBuf) -> String {
+    fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// Names without extension of the Rust files of a folder.
+fn stems(folder: &str) -> BTreeSet<String> {
+    let entries = fs::read_dir(root().join(folder)).expect("a folder");
+    let paths = entries.map(|entry| entry.expect("an entry").path());
+    let rust = paths.filter(|p| p.extension().is_some_and(|e| e == "rs"));
+    rust.map(|p| p.file_stem().expect("a name").to_string_lossy().into_owned()).collect()
+}
+
+fn algorithms() -> Vec<String> {
+    stems("crates/recursion/src").into_iter().filter(|s| !SUPPORT.contains(&s.as_str())).collect()
+}
+
+/// The table's rows, as cells.
+fn rows() -> Vec<Vec<String>> {
+    let text = read(root().join("docs/src/algorithms.md"));
+    let table = text.lines().filter(|line| line.starts_with("| ")).skip(1);
+    table
+        .map(|line| {
+            let line = line.replace("\\|", "‖");
+            line.trim_matches('|').split('|').map(|cell| cell.trim().to_string()).collect()
+        })
+        .collect()
+}
+
+/// What stands between backticks.
+fn quoted(cell: &str) -> Vec<&str> {
+    cell.split('`').skip(1).step_by(2).collect()
+}
+
+#[test]
+fn every_algorithm_has_a_twin_and_a_row() {
+    let twins = stems("crates/reference/src");
+    let rows = rows();
+    let algorithms = algorithms();
+    assert!(algorithms.len() > 8, "{algorithms:?}");
+    for stem in algorithms {
+        assert!(
+            twins.contains(&stem),
+            "crates/reference/src/{stem}.rs is missing: the dense twin of recursion's"
+        );
+        let prefix = format!("{stem}::");
+        assert!(
+            rows.iter().any(|row| quoted(&row[2]).iter().any(|name| name.starts_with(&prefix))),
+            "docs/src/algorithms.md has no row for `{stem}`"
+        );
+    }
+}
+
+#[test]
+fn every_row_is_full_and_names_what_exists() {
+    let mut tests = String::new();
+    for folder in ["crates/recursion/tests", "crates/phipsi/tests"] {
+        for stem in stems(folder) {
+            tests += &read(root().join(folder).join(format!("{stem}.rs")));
+        }
+    }
+    let rows = rows();
+    assert!(!rows.is_empty());
+    for row in rows {
+        assert_eq!(row.len(), 5, "{row:?}");
+        assert!(row.iter().all(|cell| !cell.is_empty()), "{row:?}");
+        for function in quoted(&row[2]) {
+            let parts: Vec<&str> = function.split("::").collect();
+            let source = read(root().join(format!("crates/recursion/src/{}.rs", parts[0])));
+            let name = parts[parts.len() - 1];
+            assert!(source.contains(&format!("pub fn {name}")), "`{function}` is no public function");
+        }
+        let named = quoted(&row[4]);
+        assert!(!named.is_empty(), "{row:?}: no test");
+        for test in named {
+            assert!(tests.contains(&format!("fn {test}()")), "{}: no test is called `{test}`", row[0]);
+        }
+    }
+}
