@@ -420,17 +420,17 @@ fn check_joint(joint: &Joint, found: &mut Vec<Violation>) {
     {
         found.push(Violation::error(
             subject(),
-            format!("pitch {pitch}"),
+            format!("pitch {pitch:?}"),
             "a finite number",
             "give the pitch in m/rad",
         ));
     }
     if let Some([lower, upper]) = joint.limits.position {
         if lower.is_nan() || upper.is_nan() {
-            let what = format!("limits [{lower}, {upper}]");
+            let what = format!("limits [{lower:?}, {upper:?}]");
             found.push(Violation::error(subject(), what, "numbers", "give lower and upper in rad or m"));
         } else if lower > upper {
-            let what = format!("lower limit {lower} above upper limit {upper}");
+            let what = format!("lower limit {lower:?} above upper limit {upper:?}");
             found.push(Violation::error(subject(), what, "lower ≤ upper", "exchange them").as_warning());
         }
     }
@@ -438,14 +438,14 @@ fn check_joint(joint: &Joint, found: &mut Vec<Violation>) {
         if !is_sane(value) {
             found.push(Violation::error(
                 subject(),
-                format!("{what} {value}"),
+                format!("{what} {value:?}"),
                 "a finite number",
                 "correct the number",
             ));
         } else if value < 0.0 {
             let remedy = "a negative value feeds energy in";
             found.push(
-                Violation::error(subject(), format!("{what} {value}"), "0 or more", remedy).as_warning(),
+                Violation::error(subject(), format!("{what} {value:?}"), "0 or more", remedy).as_warning(),
             );
         }
     }

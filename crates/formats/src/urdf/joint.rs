@@ -156,7 +156,7 @@ fn limits<'a>(reader: &mut Reader, at: &Element<'a>, children: &[Node<'a, 'a>], 
             None if !limited => continue,
             None => (format!("no attribute `{name}` in <limit>"), "add it; it is read as no limit"),
             Some(v) if v < 0.0 => {
-                (format!("{name}=\"{v}\""), "give a positive number; it is read as no limit")
+                (format!("{name}=\"{v:?}\""), "give a positive number; it is read as no limit")
             }
             Some(0.0) => (format!("{name}=\"0\""), "give the largest value, or leave it out for no limit"),
             Some(_) => continue,
@@ -185,7 +185,7 @@ fn limits<'a>(reader: &mut Reader, at: &Element<'a>, children: &[Node<'a, 'a>], 
         _ => {
             let [lower, upper] = [lower.unwrap_or(0.0), upper.unwrap_or(0.0)];
             if lower == upper {
-                let found = format!("lower = upper = {lower}");
+                let found = format!("lower = upper = {lower:?}");
                 reader.warning(&element, found, "lower < upper", "correct the limits, or use a fixed joint");
             }
             Some([lower, upper])

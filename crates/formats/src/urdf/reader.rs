@@ -299,8 +299,8 @@ impl Reader {
             return Placement { translation: xyz, rotation };
         }
         if let Some(angle) = rpy.iter().flatten().find(|angle| angle.abs() > LARGEST_ANGLE) {
-            let to_do = format!("if it is meant in degrees, write {:.9}", angle.to_radians());
-            self.warning(origin, format!("angle {angle} in `rpy`, more than a turn"), "radians", &to_do);
+            let to_do = format!("if it is meant in degrees, write {:.9?}", angle.to_radians());
+            self.warning(origin, format!("angle {angle:?} in `rpy`, more than a turn"), "radians", &to_do);
         }
         Placement::from_xyz_rpy(xyz, rpy.unwrap_or([0.0; 3]))
     }
