@@ -2,7 +2,7 @@
 
 use crate::show::{fail, print_json};
 use crate::{Common, Ending};
-use phipsi_simulate::check::{Checked, check_file};
+use phipsi::simulate::check::{Checked, check_file};
 use serde_json::Value;
 use std::path::PathBuf;
 

@@ -2,7 +2,7 @@
 
 use crate::show::{fail, print_json};
 use crate::{Common, Ending};
-use phipsi_simulate::convert::urdf_to_scene;
+use phipsi::simulate::convert::urdf_to_scene;
 use serde_json::json;
 use std::path::Path;
 

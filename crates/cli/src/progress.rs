@@ -2,7 +2,7 @@
 
 use crate::interrupt;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use phipsi_simulate::folder::Watcher;
+use phipsi::simulate::folder::Watcher;
 use std::time::{Duration, Instant};
 
 /// Wall time before the bar appears.

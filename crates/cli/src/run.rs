@@ -4,10 +4,10 @@ use crate::progress::Progress;
 use crate::show::{fail, print_json, table};
 use crate::{Common, Ending, interrupt};
 use clap::Args;
-use phipsi_simulate::SimulateError;
-use phipsi_simulate::folder::summary::summary;
-use phipsi_simulate::folder::{Outcome, RunFolder};
-use phipsi_simulate::scene;
+use phipsi::simulate::SimulateError;
+use phipsi::simulate::folder::summary::summary;
+use phipsi::simulate::folder::{Outcome, RunFolder};
+use phipsi::simulate::scene;
 use std::path::{Path, PathBuf};
 
 /// What to run.

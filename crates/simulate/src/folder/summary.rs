@@ -38,7 +38,8 @@ fn of_results(file: &RunFile, results: &Results) -> Vec<(&'static str, Vec<Strin
     if let Some(e) = results.reference_error {
         rows.push(("reference error", vec![format!("{e:.1e}")]));
     }
-    let outputs: Vec<String> = results.outputs.iter().map(|(name, x)| format!("{name} = {x}")).collect();
+    let outputs: Vec<String> =
+        results.outputs.iter().map(|(name, x)| format!("{name} = {}", number(x))).collect();
     if !outputs.is_empty() {
         rows.push(("outputs", outputs));
     }
@@ -53,6 +54,11 @@ fn estimate(results: &Results) -> String {
         (_, _, Some(t)) => format!("small up to t = {} s, unknown after it ({how})", short(t)),
         _ => format!("unknown ({how})"),
     }
+}
+
+/// An output in all its digits, or the word that JSON has no number for.
+fn number(x: &serde_json::Value) -> String {
+    x.as_f64().map_or("not finite".into(), |x| format!("{x:?}"))
 }
 
 /// A number in a few digits.
