@@ -1,1 +1,36 @@
-//! Python bindings.
+//! Python bindings of phipsi: the native half of the package `phipsi`.
+//!
+//! | file | what |
+//! |---|---|
+//! | `batch` | array-likes as states, broadcasting, the loop over states |
+//! | `model`, `dynamics`, `kinematics` | methods of the class `Model` |
+//! | `simulate`, `trajectory`, `simulator` | motion |
+//! | `errors`, `report` | exceptions with fields, reports of readers |
+
+mod batch;
+mod dynamics;
+mod errors;
+mod kinematics;
+mod model;
+mod report;
+mod simulate;
+mod simulator;
+mod trajectory;
+
+use pyo3::prelude::*;
+
+/// The native half of the package `phipsi`.
+#[pymodule]
+fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    m.add_class::<model::Model>()?;
+    m.add_class::<report::Report>()?;
+    m.add_class::<report::Note>()?;
+    m.add_class::<report::Problem>()?;
+    m.add_class::<dynamics::ForwardInfo>()?;
+    m.add_class::<dynamics::WorstHinge>()?;
+    m.add_class::<trajectory::Trajectory>()?;
+    m.add_class::<trajectory::RunError>()?;
+    m.add_class::<simulator::Simulator>()?;
+    m.add_function(wrap_pyfunction!(simulate::simulate, m)?)
+}

@@ -1,0 +1,46 @@
+"""Multibody dynamics on the spatial operator algebra.
+
+>>> m = phipsi.Model.from_urdf("arm.urdf")
+>>> a = m.forward_dynamics(q=[0.1, 0.2], v=[0.0, 0.0], tau=[0.0, 0.0])
+
+Conventions: six-vectors are angular first; quaternions x y z w; SI units; body velocities, Jacobians and momentum in world
+axes; wrenches in body axes at the body frame's origin. Leading batch axes are always allowed.
+"""
+
+from . import interop
+from ._native import (
+    ForwardInfo,
+    Model,
+    Note,
+    Problem,
+    Report,
+    RunError,
+    Simulator,
+    Trajectory,
+    WorstHinge,
+    __version__,
+    simulate,
+)
+from .errors import ArgumentError, ArgumentTypeError, Error, ModelError, NumericalError
+from .state import State
+
+__all__ = [
+    "ArgumentError",
+    "ArgumentTypeError",
+    "Error",
+    "ForwardInfo",
+    "Model",
+    "ModelError",
+    "Note",
+    "NumericalError",
+    "Problem",
+    "Report",
+    "RunError",
+    "Simulator",
+    "State",
+    "Trajectory",
+    "WorstHinge",
+    "__version__",
+    "interop",
+    "simulate",
+]

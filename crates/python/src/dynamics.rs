@@ -1,0 +1,453 @@
+//! Methods of `Model` about forces: forward and inverse dynamics, mass matrices, reactions.
+
+use crate::batch::Batch;
+use crate::errors::{Failure, choice_error};
+use crate::model::{Compiled, Model, Names};
+use phipsi::motion::forces::passive_forces;
+use phipsi::recursion::{
+    ForwardDynamics, InverseDynamics, forward_info, joint_reactions, mass_matrix, mass_matrix_inverse,
+    multiply_by_mass_matrix, solve_mass_matrix,
+};
+use pyo3::IntoPyObjectExt;
+use pyo3::prelude::*;
+
+/// Values of `form`.
+const FORMS: [&str; 2] = ["auto", "plain"];
+
+/// The hinge that loses most digits.
+///
+/// ``joint``, ``component``: which one. ``ratio``: its articulated inertia over the inertia about it with all joints
+/// outboard locked; cancellation can multiply rounding by the inverse. ``state``: which state of the batch, or None.
+#[pyclass(frozen, get_all, module = "phipsi")]
+pub struct WorstHinge {
+    /// The joint's name.
+    pub joint: String,
+    /// Which of its degrees of freedom.
+    pub component: usize,
+    /// Articulated over composite inertia.
+    pub ratio: f64,
+    /// Place in the batch.
+    pub state: Option<Vec<usize>>,
+}
+
+#[pymethods]
+impl WorstHinge {
+    fn __repr__(&self) -> String {
+        let WorstHinge { joint, component, ratio, .. } = self;
+        format!("<joint `{joint}`, component {component}, ratio {ratio:e}>")
+    }
+}
+
+/// How good a result of ``forward_dynamics`` is.
+///
+/// ``backward_error``: |τ − inverse dynamics of the result| over the sum of |terms|, largest component; a float, or an
+/// array of the batch axes. ``worst_hinge``: a WorstHinge, of the whole batch; None if nothing moves.
+#[pyclass(frozen, get_all, module = "phipsi")]
+pub struct ForwardInfo {
+    /// Backward error, float or array.
+    pub backward_error: Py<PyAny>,
+    /// The hinge that loses most digits.
+    pub worst_hinge: Option<Py<WorstHinge>>,
+}
+
+#[pymethods]
+impl ForwardInfo {
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        let error = self.backward_error.bind(py).repr()?;
+        let hinge = self.worst_hinge.as_ref().map_or("None".into(), |h| h.get().__repr__());
+        Ok(format!("ForwardInfo(backward_error={error}, worst_hinge={hinge})"))
+    }
+}
+
+#[pymethods]
+impl Model {
+    /// Accelerations of generalized forces.
+    ///
+    /// θ̈ = (I − HψK)* D⁻¹ (I − HψK) (T − C), in O(nv) without the mass matrix. Pure mechanics: ``tau`` is the whole
+    /// generalized force; damping and friction of the file act in ``simulate`` and ``passive_forces`` only.
+    ///
+    /// Parameters
+    /// ----------
+    /// q : (…, nq). v, tau : (…, nv); N·m or N.
+    /// wrenches : {body: (…, 6)}, moment then force on the body, at its frame's origin, in its axes.
+    /// form : "auto" or "plain".
+    /// info : True returns (result, ForwardInfo).
+    ///
+    /// Returns
+    /// -------
+    /// (…, nv), rad/s² or m/s²: the componentwise time derivative of v.
+    ///
+    /// Raises
+    /// ------
+    /// ArgumentError; NumericalError at a joint without articulated inertia; ModelError if the model has closures.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> q, v = m.random_state(1)
+    /// >>> a, info = m.forward_dynamics(q, v, [0.0, 0.0], info=True)
+    /// >>> bool(info.backward_error < 1e-14)
+    /// True
+    /// >>> info.worst_hinge.joint
+    /// 'elbow'
+    #[pyo3(signature = (q, v, tau, wrenches = None, form = "auto", info = false))]
+    #[allow(clippy::too_many_arguments)]
+    fn forward_dynamics<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        v: &Bound<'py, PyAny>,
+        tau: &Bound<'py, PyAny>,
+        wrenches: Option<&Bound<'py, PyAny>>,
+        form: &str,
+        info: bool,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        if !FORMS.contains(&form) {
+            return Err(choice_error(py, "form", form, &FORMS));
+        }
+        let compiled = self.compiled();
+        let layout = &compiled.layout;
+        let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
+        let (mut tau, mut wrenches) = (compiled.v(tau, "tau")?, compiled.wrenches(wrenches)?);
+        let batch = Batch::of(py, [&mut q, &mut v, &mut tau].into_iter().chain(&mut wrenches.arguments))?;
+        let nv = layout.nv();
+        let out = batch.each(
+            py,
+            nv,
+            || (ForwardDynamics::new(layout), wrenches.workspace()),
+            |(work, scratch), i, out| {
+                let loads = wrenches.at(i, scratch);
+                Ok(work.run(layout, q.at(i), v.at(i), tau.at(i), loads, out)?)
+            },
+        );
+        if !info {
+            return compiled.result(py, &batch, out, Names::Velocity("acceleration"), &[nv]);
+        }
+        let accelerations =
+            out.map_err(|e| compiled.failure(py, &batch, e, Names::Velocity("acceleration")))?;
+        // Per state: backward error, degree of freedom of the worst hinge (−1: none), its ratio.
+        let judged = batch.each(
+            py,
+            3,
+            || wrenches.workspace(),
+            |scratch, i, out| {
+                let loads = wrenches.at(i, scratch);
+                let a = &accelerations[i * nv..(i + 1) * nv];
+                let found = forward_info(layout, q.at(i), v.at(i), tau.at(i), loads, a)?;
+                out.copy_from_slice(&[found.backward_error, -1.0, 0.0]);
+                if let Some(worst) = found.worst_hinge
+                    && let Ok(k) = compiled.model.find_joint(&worst.joint)
+                {
+                    out[1] = (compiled.model.v_offset(k) + worst.component) as f64;
+                    out[2] = worst.ratio;
+                }
+                Ok(())
+            },
+        );
+        let judged =
+            judged.map_err(|e| compiled.failure(py, &batch, e, Names::Other("a measure of the result")))?;
+        let result = (
+            batch.array(py, accelerations, &[nv])?,
+            Py::new(py, forward_judgement(py, &compiled, &batch, &judged)?)?,
+        );
+        result.into_bound_py_any(py)
+    }
+    /// Generalized forces of a motion (Newton–Euler), O(nv).
+    ///
+    /// Parameters
+    /// ----------
+    /// q : (…, nq). v, a : (…, nv).
+    /// wrenches : {body: (…, 6)}, external, as in ``forward_dynamics``.
+    ///
+    /// Returns
+    /// -------
+    /// (…, nv), N·m or N.
+    ///
+    /// Raises
+    /// ------
+    /// ArgumentError; NumericalError for numbers that are not finite; ModelError if the model has closures.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> q, v = m.random_state(1)
+    /// >>> tau = m.inverse_dynamics(q, v, [1.0, 2.0])
+    /// >>> bool(np.allclose(m.forward_dynamics(q, v, tau), [1.0, 2.0]))
+    /// True
+    #[pyo3(signature = (q, v, a, wrenches = None))]
+    fn inverse_dynamics<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        v: &Bound<'py, PyAny>,
+        a: &Bound<'py, PyAny>,
+        wrenches: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let compiled = self.compiled();
+        let layout = &compiled.layout;
+        let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
+        let (mut a, mut wrenches) = (compiled.v(a, "a")?, compiled.wrenches(wrenches)?);
+        let batch = Batch::of(py, [&mut q, &mut v, &mut a].into_iter().chain(&mut wrenches.arguments))?;
+        let out = batch.each(
+            py,
+            layout.nv(),
+            || (InverseDynamics::new(layout), wrenches.workspace()),
+            |(work, scratch), i, out| {
+                let loads = wrenches.at(i, scratch);
+                Ok(work.run(layout, q.at(i), v.at(i), a.at(i), loads, out)?)
+            },
+        );
+        compiled.result(py, &batch, out, Names::Velocity("generalized force"), &[layout.nv()])
+    }
+    /// The mass matrix M(q), full and symmetric.
+    ///
+    /// ``q``: (…, nq). Returns (…, nv, nv), kg·m², kg·m or kg.
+    ///
+    /// Raises ArgumentError; NumericalError for numbers that are not finite.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> m.mass_matrix(np.zeros((5, 2))).shape
+    /// (5, 2, 2)
+    fn mass_matrix<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        let compiled = self.compiled();
+        let (layout, mut q) = (&compiled.layout, compiled.q(q, "q")?);
+        let (nv, batch) = (layout.nv(), Batch::of(py, [&mut q])?);
+        let out = batch.each(py, nv * nv, || (), |(), i, out| fill(out, mass_matrix(layout, q.at(i))));
+        compiled.result(py, &batch, out, Names::Columns("mass matrix"), &[nv, nv])
+    }
+    /// The inverse of the mass matrix, full and symmetric, without forming M: O(nv²).
+    ///
+    /// ``q``: (…, nq). Returns (…, nv, nv).
+    ///
+    /// Raises ArgumentError; NumericalError at a joint without articulated inertia; ModelError if the model has closures.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> q = [0.1, 0.2]
+    /// >>> bool(np.allclose(m.mass_matrix(q) @ m.mass_matrix_inverse(q), np.eye(2)))
+    /// True
+    fn mass_matrix_inverse<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let compiled = self.compiled();
+        let (layout, mut q) = (&compiled.layout, compiled.q(q, "q")?);
+        let (nv, batch) = (layout.nv(), Batch::of(py, [&mut q])?);
+        let out =
+            batch.each(py, nv * nv, || (), |(), i, out| fill(out, mass_matrix_inverse(layout, q.at(i))));
+        compiled.result(py, &batch, out, Names::Columns("inverse of the mass matrix"), &[nv, nv])
+    }
+    /// M(q) x in O(nv), without the matrix.
+    ///
+    /// ``q``: (…, nq); ``x``: (…, nv). Returns (…, nv).
+    ///
+    /// Raises ArgumentError; NumericalError for numbers that are not finite; ModelError if the model has closures.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> q, x = m.random_state(2)
+    /// >>> bool(np.allclose(m.multiply_by_mass_matrix(q, x), m.mass_matrix(q) @ x))
+    /// True
+    fn multiply_by_mass_matrix<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        x: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let compiled = self.compiled();
+        let (layout, mut q, mut x) = (&compiled.layout, compiled.q(q, "q")?, compiled.v(x, "x")?);
+        let batch = Batch::of(py, [&mut q, &mut x])?;
+        let product = |i: usize| multiply_by_mass_matrix(layout, q.at(i), x.at(i));
+        let out = batch.each(py, layout.nv(), || (), |(), i, out| fill(out, product(i)));
+        compiled.result(py, &batch, out, Names::Velocity("M x"), &[layout.nv()])
+    }
+    /// M(q)⁻¹ x in O(nv), without a matrix.
+    ///
+    /// ``q``: (…, nq); ``x``: (…, nv). Returns (…, nv).
+    ///
+    /// Raises ArgumentError; NumericalError at a joint without articulated inertia; ModelError if the model has closures.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> q, x = m.random_state(2)
+    /// >>> bool(np.allclose(m.solve_mass_matrix(q, m.multiply_by_mass_matrix(q, x)), x))
+    /// True
+    fn solve_mass_matrix<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        x: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let compiled = self.compiled();
+        let (layout, mut q, mut x) = (&compiled.layout, compiled.q(q, "q")?, compiled.v(x, "x")?);
+        let batch = Batch::of(py, [&mut q, &mut x])?;
+        let solution = |i: usize| solve_mass_matrix(layout, q.at(i), x.at(i));
+        let out = batch.each(py, layout.nv(), || (), |(), i, out| fill(out, solution(i)));
+        compiled.result(py, &batch, out, Names::Velocity("M⁻¹ x"), &[layout.nv()])
+    }
+    /// Inverse dynamics at a = 0: Coriolis, centrifugal and gravity forces.
+    ///
+    /// ``q``: (…, nq); ``v``: (…, nv). Returns (…, nv), N·m or N.
+    ///
+    /// Raises ArgumentError; NumericalError for numbers that are not finite; ModelError if the model has closures.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> q, v = m.random_state(3)
+    /// >>> bool(np.array_equal(m.bias_forces(q, v), m.inverse_dynamics(q, v, [0, 0])))
+    /// True
+    fn bias_forces<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        v: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let compiled = self.compiled();
+        let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
+        let (batch, layout) = (Batch::of(py, [&mut q, &mut v])?, &compiled.layout);
+        let zero = vec![0.0; layout.nv()];
+        let work = || InverseDynamics::new(layout);
+        let out = batch.each(py, layout.nv(), work, |work, i, out| {
+            Ok(work.run(layout, q.at(i), v.at(i), &zero, None, out)?)
+        });
+        compiled.result(py, &batch, out, Names::Velocity("bias force"), &[layout.nv()])
+    }
+    /// The generalized forces that hold the mechanism at rest against gravity.
+    ///
+    /// ``q``: (…, nq). Returns (…, nv), N·m or N.
+    ///
+    /// Raises ArgumentError; NumericalError for numbers that are not finite; ModelError if the model has closures.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> m.gravity = (0, 0, 0)
+    /// >>> bool(np.all(m.gravity_forces([0.3, 0.4]) == 0))
+    /// True
+    fn gravity_forces<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        let compiled = self.compiled();
+        let (layout, mut q) = (&compiled.layout, compiled.q(q, "q")?);
+        let batch = Batch::of(py, [&mut q])?;
+        let zero = vec![0.0; layout.nv()];
+        let work = || InverseDynamics::new(layout);
+        let out = batch.each(py, layout.nv(), work, |work, i, out| {
+            Ok(work.run(layout, q.at(i), &zero, &zero, None, out)?)
+        });
+        compiled.result(py, &batch, out, Names::Velocity("gravity force"), &[layout.nv()])
+    }
+    /// Damping and friction forces of the file's joints, as they act in ``simulate``: −c v − f tanh(v/s), s = 0.01.
+    ///
+    /// ``q``: (…, nq); ``v``: (…, nv). Returns (…, nv), N·m or N.
+    ///
+    /// Raises ArgumentError; NumericalError for numbers that are not finite.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> m.passive_forces([0.0, 0.0], [1.0, 1.0])
+    /// array([-0.1, -0. ])
+    fn passive_forces<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        v: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let compiled = self.compiled();
+        let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
+        let (batch, nv) = (Batch::of(py, [&mut q, &mut v])?, compiled.model.nv());
+        let out = batch.each(
+            py,
+            nv,
+            || (),
+            |(), i, out| {
+                out.copy_from_slice(&passive_forces(&compiled.model, v.at(i)));
+                Ok(())
+            },
+        );
+        compiled.result(py, &batch, out, Names::Velocity("passive force"), &[nv])
+    }
+    /// The wrench on every body from its parent, across its joint; fixed joints included.
+    ///
+    /// Parameters
+    /// ----------
+    /// q : (…, nq). v, a : (…, nv).
+    /// wrenches : {body: (…, 6)}, external, as in ``forward_dynamics``.
+    ///
+    /// Returns
+    /// -------
+    /// (…, n_bodies, 6), rows as ``body_names``: moment, then force; at the body frame's origin, body axes; N·m, N.
+    ///
+    /// Raises
+    /// ------
+    /// ArgumentError; NumericalError for numbers that are not finite; ModelError if the model has closures.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> m.joint_reactions([0, 0], [0, 0], [0, 0]).shape
+    /// (3, 6)
+    #[pyo3(signature = (q, v, a, wrenches = None))]
+    fn joint_reactions<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        v: &Bound<'py, PyAny>,
+        a: &Bound<'py, PyAny>,
+        wrenches: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let compiled = self.compiled();
+        let Compiled { model, layout } = &*compiled;
+        let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
+        let (mut a, mut wrenches) = (compiled.v(a, "a")?, compiled.wrenches(wrenches)?);
+        let batch = Batch::of(py, [&mut q, &mut v, &mut a].into_iter().chain(&mut wrenches.arguments))?;
+        let out = batch.each(
+            py,
+            6 * model.len(),
+            || wrenches.workspace(),
+            |scratch, i, out| {
+                let loads = wrenches.at(i, scratch);
+                let reactions = joint_reactions(model, layout, q.at(i), v.at(i), a.at(i), loads)?;
+                for (row, reaction) in out.chunks_mut(6).zip(reactions) {
+                    row.copy_from_slice(&reaction.to_array());
+                }
+                Ok(())
+            },
+        );
+        compiled.result(py, &batch, out, Names::Other("joint reaction"), &[model.len(), 6])
+    }
+}
+
+/// Copies a kernel's result.
+pub fn fill(
+    out: &mut [f64],
+    result: Result<Vec<f64>, phipsi::recursion::DynamicsError>,
+) -> Result<(), Failure> {
+    out.copy_from_slice(&result?);
+    Ok(())
+}
+
+/// The info of a batch from (backward error, degree of freedom of the worst hinge, ratio) per state.
+fn forward_judgement(
+    py: Python<'_>,
+    compiled: &Compiled,
+    batch: &Batch,
+    judged: &[f64],
+) -> PyResult<ForwardInfo> {
+    let errors = judged.chunks(3).map(|x| x[0]).collect();
+    let worst = judged.chunks(3).enumerate().filter(|(_, x)| x[1] >= 0.0);
+    let worst = worst.min_by(|(_, a), (_, b)| a[2].total_cmp(&b[2])).map(|(state, x)| {
+        let (joint, component) = compiled.layout.joint_of_velocity(x[1] as usize);
+        Py::new(py, WorstHinge { joint: joint.into(), component, ratio: x[2], state: batch.place(state) })
+    });
+    Ok(ForwardInfo {
+        backward_error: batch.array(py, errors, &[])?.unbind(),
+        worst_hinge: worst.transpose()?,
+    })
+}

@@ -1,0 +1,142 @@
+//! Rust errors as the Python classes of `phipsi.errors`, with their fields.
+
+use crate::report::{Problem, Report};
+use phipsi::recursion::DynamicsError;
+use pyo3::IntoPyObjectExt;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// A field of an exception.
+pub enum Field {
+    /// Text.
+    Text(String),
+    /// A number.
+    Number(f64),
+    /// An index.
+    Index(usize),
+    /// A shape or a place in a batch.
+    Tuple(Vec<usize>),
+    /// A report.
+    Report(Report),
+    /// Problems.
+    Problems(Vec<Problem>),
+}
+
+impl Field {
+    fn into_object(self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        match self {
+            Field::Text(x) => x.into_py_any(py),
+            Field::Number(x) => x.into_py_any(py),
+            Field::Index(x) => x.into_py_any(py),
+            Field::Tuple(x) => pyo3::types::PyTuple::new(py, x)?.into_py_any(py),
+            Field::Report(x) => x.into_py_any(py),
+            Field::Problems(x) => x.into_py_any(py),
+        }
+    }
+}
+
+impl From<&str> for Field {
+    fn from(x: &str) -> Self {
+        Field::Text(x.into())
+    }
+}
+
+impl From<String> for Field {
+    fn from(x: String) -> Self {
+        Field::Text(x)
+    }
+}
+
+/// An exception of a class of `phipsi.errors`; fields that are `None` keep the class's default.
+pub fn exception(py: Python<'_>, class: &str, message: &str, fields: Vec<(&str, Option<Field>)>) -> PyErr {
+    let build = || -> PyResult<PyErr> {
+        let keywords = PyDict::new(py);
+        for (name, field) in fields {
+            if let Some(field) = field {
+                keywords.set_item(name, field.into_object(py)?)?;
+            }
+        }
+        let class = py.import("phipsi.errors")?.getattr(class)?;
+        Ok(PyErr::from_value(class.call((message,), Some(&keywords))?))
+    };
+    build().unwrap_or_else(|error| error)
+}
+
+/// `ArgumentError`: an argument, what it is, what it should be.
+pub fn argument_error(
+    py: Python<'_>,
+    argument: &str,
+    found: Field,
+    required: Field,
+    message: &str,
+    remedy: Option<&str>,
+) -> PyErr {
+    let fields = vec![
+        ("argument", Some(argument.into())),
+        ("found", Some(found)),
+        ("required", Some(required)),
+        ("remedy", remedy.map(Field::from)),
+    ];
+    exception(py, "ArgumentError", message, fields)
+}
+
+/// `ArgumentError` for a word that is none of the choices.
+pub fn choice_error(py: Python<'_>, argument: &str, found: &str, choices: &[&str]) -> PyErr {
+    let choices = choices.iter().map(|c| format!("\"{c}\"")).collect::<Vec<_>>().join(", ");
+    let message = format!("`{argument}` is \"{found}\"; there are: {choices}");
+    argument_error(py, argument, found.into(), choices.into(), &message, None)
+}
+
+/// `ArgumentError` for a name that the model does not have.
+pub fn name_error(py: Python<'_>, argument: &str, error: &phipsi::model::NameError) -> PyErr {
+    let required = format!("the name of a {}: {}", error.what, error.known.join(", "));
+    let message = format!("`{argument}`: {error}");
+    argument_error(py, argument, error.name.as_str().into(), required.into(), &message, None)
+}
+
+/// What failed at one state.
+#[derive(Clone, Debug)]
+pub enum Failure {
+    /// A recursion.
+    Dynamics(DynamicsError),
+    /// A number of the result, by its index, that is not finite.
+    NotFinite(usize, f64),
+}
+
+impl From<DynamicsError> for Failure {
+    fn from(e: DynamicsError) -> Self {
+        Failure::Dynamics(e)
+    }
+}
+
+/// A recursion's error, at a place in the batch (`None` without batch axes).
+pub fn dynamics_error(py: Python<'_>, error: &DynamicsError, state: Option<Vec<usize>>) -> PyErr {
+    match error {
+        DynamicsError::SingularHinge { joint, component, inertia } => {
+            let at = state.as_ref().map(|s| format!("state {s:?}: ")).unwrap_or_default();
+            let remedy = "give the bodies outboard of it mass away from its axis, or make it fixed";
+            let fields = vec![
+                ("quantity", Some("articulated inertia".into())),
+                ("joint", Some(joint.as_str().into())),
+                ("component", Some(Field::Index(*component))),
+                ("found", Some(Field::Number(*inertia))),
+                ("required", Some("a positive number".into())),
+                ("remedy", Some(remedy.into())),
+                ("state", state.map(Field::Tuple)),
+            ];
+            exception(py, "NumericalError", &format!("{at}{error}"), fields)
+        }
+        DynamicsError::Closure { joint, source } => {
+            let problem = Problem {
+                line: None,
+                place: format!("joint `{joint}`"),
+                found: format!("a mimic of joint `{source}`"),
+                required: "a tree".into(),
+                remedy: "load the model with mimic = \"free\" to let the joint move freely".into(),
+            };
+            let fields = vec![("errors", Some(Field::Problems(vec![problem])))];
+            exception(py, "ModelError", &error.to_string(), fields)
+        }
+        other => exception(py, "ArgumentError", &other.to_string(), vec![]),
+    }
+}
