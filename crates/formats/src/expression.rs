@@ -27,6 +27,7 @@ mod function;
 mod graph;
 mod parser;
 mod program;
+mod switch;
 mod token;
 
 pub use error::ExpressionError;
@@ -106,6 +107,21 @@ impl Expression {
         let slope = index.and_then(|(i, _)| derivative::derivative(&mut graph, self.root, i));
         let root = slope.unwrap_or_else(|| graph.constant(0.0));
         Expression::new(self.variables.clone(), &graph, root)
+    }
+
+    /// Functions that change sign wherever this one has a kink or a jump (and perhaps elsewhere).
+    ///
+    /// ```
+    /// use phipsi_formats::Expression;
+    /// let ramp = Expression::parse("min(t/10, 1)", &["t"], &[])?;
+    /// let [switch] = &ramp.switches()[..] else { panic!() };
+    /// assert!(switch.value(&[9.9]) < 0.0 && switch.value(&[10.1]) > 0.0);
+    /// # Ok::<(), phipsi_formats::ExpressionError>(())
+    /// ```
+    pub fn switches(&self) -> Vec<Expression> {
+        let mut graph = self.graph.clone();
+        let found = switch::switches(&mut graph);
+        found.into_iter().map(|root| Expression::new(self.variables.clone(), &graph, root)).collect()
     }
 
     /// The variables in their order.

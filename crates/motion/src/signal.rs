@@ -16,6 +16,8 @@ pub enum Signal {
         value: Arc<dyn Fn(f64) -> f64 + Send + Sync>,
         /// df/dt.
         rate: Arc<dyn Fn(f64) -> f64 + Send + Sync>,
+        /// Times at which it is not smooth.
+        breaks: Vec<f64>,
     },
 }
 
@@ -74,7 +76,14 @@ impl Signal {
         value: impl Fn(f64) -> f64 + Send + Sync + 'static,
         rate: impl Fn(f64) -> f64 + Send + Sync + 'static,
     ) -> Self {
-        Signal::Function { value: Arc::new(value), rate: Arc::new(rate) }
+        Signal::Function { value: Arc::new(value), rate: Arc::new(rate), breaks: Vec::new() }
+    }
+    /// The same with times at which it is not smooth; constants and tables have their own.
+    pub fn with_breaks(mut self, times: Vec<f64>) -> Self {
+        if let Signal::Function { breaks, .. } = &mut self {
+            *breaks = times;
+        }
+        self
     }
     /// f(t).
     pub fn value(&self, t: f64) -> f64 {
@@ -105,7 +114,8 @@ impl Signal {
     pub fn breaks(&self) -> Vec<f64> {
         match self {
             Signal::Table(points) => points.iter().map(|p| p.0).collect(),
-            _ => Vec::new(),
+            Signal::Function { breaks, .. } => breaks.clone(),
+            Signal::Constant(_) => Vec::new(),
         }
     }
 }

@@ -142,7 +142,7 @@ fn read(
         report.errors.push(Problem::new(None, place, violation.found, violation.required, violation.remedy));
     }
     let start = settings::initial(&mut scene, &model, report);
-    let forces = force::read(&mut scene, &model, report);
+    let forces = force::read(&mut scene, &model, settings::end(&root), report);
     let breaks: usize = forces.iter().map(|f| f.breaks().len()).sum();
     let settings = settings::integrator(&mut scene, breaks, report);
     let record = settings.as_ref().map(|s| settings::record(&mut scene, s.t_end, report));

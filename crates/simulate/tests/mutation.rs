@@ -83,8 +83,30 @@ angle = 0.3
 
 /// Pieces that programs and people put where they do not belong.
 const PIECES: [&str; 24] = [
-    "nan", "inf", "-inf", "1e308", "-1e308", "1e-320", "-1", "0", "\"\"", "[]", "{}", "[[", "]]", "'''", "\"\"\"",
-    "\u{0}", "ü", "world", "99999999999999999999", "1979-05-27T07:32:00Z", "true", "q.hinge = 1\n", ".", "=",
+    "nan",
+    "inf",
+    "-inf",
+    "1e308",
+    "-1e308",
+    "1e-320",
+    "-1",
+    "0",
+    "\"\"",
+    "[]",
+    "{}",
+    "[[",
+    "]]",
+    "'''",
+    "\"\"\"",
+    "\u{0}",
+    "ü",
+    "world",
+    "99999999999999999999",
+    "1979-05-27T07:32:00Z",
+    "true",
+    "q.hinge = 1\n",
+    ".",
+    "=",
 ];
 
 /// Rows are dropped; the run is stopped after some steps, because a mutated scene may run for ever.

@@ -219,3 +219,15 @@ mimic = { joint = "hinge" }
     let scene = scene(&free).unwrap();
     assert!(scene.reports[0].approximated.iter().any(|n| n.what.contains("mimic")));
 }
+
+#[test]
+fn kinks_and_jumps_of_expressions_are_found_to_the_last_bit() {
+    let force = "[[force]]\nkind = \"torque\"\njoint = \"hinge\"\nvalue = \"min(t/0.7, 1) + 0.1*step(sin(2*pi*t)) + floor(t/0.3)*0\"\n";
+    let scene = scene(&format!("{PENDULUM}\n{force}")).unwrap();
+    let breaks = scene.simulation.dynamics.breaks();
+    // 0·floor is left out when the expression is read; the sine changes sign at every half second.
+    for want in [0.5, 0.7, 1.0, 1.5] {
+        assert!(breaks.iter().any(|b| (b - want).abs() <= 4.0 * f64::EPSILON), "{want}: {breaks:?}");
+    }
+    assert!(breaks.contains(&0.7) && breaks.len() <= 6, "{breaks:?}");
+}

@@ -11,8 +11,13 @@ use phipsi_spatial::Vec3;
 
 const KINDS: [&str; 5] = ["torque", "servo", "spring", "damper", "wrench"];
 
-/// All forces of a scene.
-pub(crate) fn read(scene: &mut Table<'_>, model: &Model, report: &mut Report) -> Vec<Box<dyn Force>> {
+/// All forces of a scene; kinks and jumps of their functions of time are looked for up to `t_end`.
+pub(crate) fn read(
+    scene: &mut Table<'_>,
+    model: &Model,
+    t_end: f64,
+    report: &mut Report,
+) -> Vec<Box<dyn Force>> {
     let mut forces: Vec<Box<dyn Force>> = Vec::new();
     for (i, mut table) in scene.tables("force", report).into_iter().enumerate() {
         if table.required("kind", report, &format!("one of {}", KINDS.join(", "))).is_none() {
@@ -22,9 +27,9 @@ pub(crate) fn read(scene: &mut Table<'_>, model: &Model, report: &mut Report) ->
         let name = table.text("name", report).map_or_else(|| format!("{kind} {i}"), str::to_string);
         table.place = format!("force `{name}`");
         let force = match kind {
-            "torque" => torque(&mut table, name, model, report),
-            "servo" => servo(&mut table, name, model, report),
-            "wrench" => wrench(&mut table, name, model, report),
+            "torque" => torque(&mut table, name, model, t_end, report),
+            "servo" => servo(&mut table, name, model, t_end, report),
+            "wrench" => wrench(&mut table, name, model, t_end, report),
             kind if table.has("joint") => joint_spring(&mut table, name, kind, model, report),
             kind => point_spring(&mut table, name, kind, model, report),
         };
@@ -36,15 +41,15 @@ pub(crate) fn read(scene: &mut Table<'_>, model: &Model, report: &mut Report) ->
 
 type MaybeForce = Option<Box<dyn Force>>;
 
-fn torque(table: &mut Table<'_>, name: String, model: &Model, report: &mut Report) -> MaybeForce {
+fn torque(table: &mut Table<'_>, name: String, model: &Model, t_end: f64, report: &mut Report) -> MaybeForce {
     let joint = joint_dof(table, "joint", model, report);
-    let value = signal::required(table, "value", report);
+    let value = signal::required(table, "value", t_end, report);
     Some(Box::new(JointTorque { name, dof: joint?.dof, value: value? }))
 }
 
-fn servo(table: &mut Table<'_>, name: String, model: &Model, report: &mut Report) -> MaybeForce {
+fn servo(table: &mut Table<'_>, name: String, model: &Model, t_end: f64, report: &mut Report) -> MaybeForce {
     let joint = joint_dof(table, "joint", model, report);
-    let target = signal::required(table, "target", report);
+    let target = signal::required(table, "target", t_end, report);
     table.required("stiffness", report, "a stiffness, N·m/rad or N/m");
     let stiffness = table.positive("stiffness", true, report);
     let damping = table.positive("damping", true, report).unwrap_or_default();
@@ -102,15 +107,15 @@ fn coefficients(table: &mut Table<'_>, kind: &str, report: &mut Report) -> [f64;
     [stiffness, table.positive("damping", true, report).unwrap_or_default()]
 }
 
-fn wrench(table: &mut Table<'_>, name: String, model: &Model, report: &mut Report) -> MaybeForce {
+fn wrench(table: &mut Table<'_>, name: String, model: &Model, t_end: f64, report: &mut Report) -> MaybeForce {
     let body = find_body(table, "body", model, report);
     let point = Vec3(table.numbers("point", report).unwrap_or_default());
     let axes = match table.word("axes", &["body", "world"], report) {
         Some("world") => WrenchAxes::World,
         _ => WrenchAxes::Body,
     };
-    let moment = signal::three(table, "moment", report);
-    let force = signal::three(table, "force", report);
+    let moment = signal::three(table, "moment", t_end, report);
+    let force = signal::three(table, "force", t_end, report);
     let Some(body) = body? else {
         let node = table.get("body");
         table.error(node, report, "a wrench on the world", "a body that moves", "name another body");

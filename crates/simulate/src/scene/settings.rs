@@ -1,6 +1,6 @@
 //! `[initial]`, `[integrator]` and `[record]`.
 
-use super::tree::{Entry, Table, finite, number_list, suggestion};
+use super::tree::{Entry, Node, Table, finite, number_list, suggestion};
 use crate::folder::CHECKPOINT_S;
 use crate::simulation::{Choice, DEFAULT_TOLERANCE};
 use phipsi_formats::{Problem, Report};
@@ -92,6 +92,14 @@ fn check_quaternion(entry: &Entry, model: &Model, k: usize, values: &[f64], repo
         let found = format!("{} has a quaternion of length {norm}; it is scaled to 1", entry.key);
         report.warnings.push(problem(found));
     }
+}
+
+/// The end of the run before everything else is read; 0 where there is none, which [`integrator`] reports.
+pub(crate) fn end(root: &Node) -> f64 {
+    let mut unread = Report::new("");
+    let integrator =
+        Table::new(root, "scene", &mut unread).and_then(|mut s| s.table("integrator", &mut unread));
+    integrator.and_then(|mut t| t.positive("t_end", false, &mut unread)).unwrap_or(0.0)
 }
 
 /// Method, tolerances, end.

@@ -8,27 +8,31 @@ use std::f64::consts::PI;
 
 const REQUIRED: &str = "a number, an expression in t in quotes, or a table [[time, value], …]";
 
-/// The function of time under a key.
-pub(crate) fn read(table: &mut Table<'_>, key: &'static str, report: &mut Report) -> Option<Signal> {
-    let node = table.get(key)?;
-    from_node(table, key, node, report)
-}
-
-/// The function of time under a key that must be there.
-pub(crate) fn required(table: &mut Table<'_>, key: &'static str, report: &mut Report) -> Option<Signal> {
-    table.required(key, report, REQUIRED)?;
-    read(table, key, report)
+/// The function of time under a key that must be there. `t_end`: kinks and jumps are looked for up to this time.
+pub(crate) fn required(
+    table: &mut Table<'_>,
+    key: &'static str,
+    t_end: f64,
+    report: &mut Report,
+) -> Option<Signal> {
+    let node = table.required(key, report, REQUIRED)?;
+    from_node(table, key, node, t_end, report)
 }
 
 /// Three functions of time; zeros where the key is missing.
-pub(crate) fn three(table: &mut Table<'_>, key: &'static str, report: &mut Report) -> Option<[Signal; 3]> {
+pub(crate) fn three(
+    table: &mut Table<'_>,
+    key: &'static str,
+    t_end: f64,
+    report: &mut Report,
+) -> Option<[Signal; 3]> {
     let zero = || Signal::Constant(0.0);
     let Some(node) = table.get(key) else { return Some([zero(), zero(), zero()]) };
     let required = "three functions of time in brackets";
     match &node.value {
         Value::List(items) if items.len() == 3 => {
             let read: Vec<Signal> =
-                items.iter().filter_map(|item| from_node(table, key, item, report)).collect();
+                items.iter().filter_map(|item| from_node(table, key, item, t_end, report)).collect();
             <[Signal; 3]>::try_from(read).ok()
         }
         other => {
@@ -39,13 +43,13 @@ pub(crate) fn three(table: &mut Table<'_>, key: &'static str, report: &mut Repor
     }
 }
 
-fn from_node(table: &Table<'_>, key: &str, node: &Node, report: &mut Report) -> Option<Signal> {
+fn from_node(table: &Table<'_>, key: &str, node: &Node, t_end: f64, report: &mut Report) -> Option<Signal> {
     let mut wrong = |found: String, required: &str, remedy: String| {
         table.error(Some(node), report, found, required, remedy);
         None
     };
     match &node.value {
-        Value::Text(text) => match expression(text) {
+        Value::Text(text) => match expression(text, t_end) {
             Ok(signal) => Some(signal),
             Err(message) => {
                 let found = format!("{key} = {:?}: {message}", shorten(text));
@@ -70,12 +74,43 @@ fn from_node(table: &Table<'_>, key: &str, node: &Node, report: &mut Report) -> 
     }
 }
 
-/// An expression in t with its symbolic derivative.
-fn expression(text: &str) -> Result<Signal, String> {
+/// Intervals in which changes of sign are looked for.
+const LOOKS: u32 = 20_000;
+
+/// An expression in t with its symbolic derivative and the times at which it is not smooth.
+fn expression(text: &str, t_end: f64) -> Result<Signal, String> {
     let value = Expression::parse(text, &["t"], &[("pi", PI)]).map_err(|e| e.to_string())?;
     let rate = value.derivative("t");
     if !value.value(&[0.0]).is_finite() && !value.value(&[1e-3]).is_finite() {
         return Err("it is not finite at t = 0".into());
     }
-    Ok(Signal::function(move |t| value.value(&[t]), move |t| rate.value(&[t])))
+    let mut breaks: Vec<f64> = value.switches().iter().flat_map(|s| sign_changes(s, t_end)).collect();
+    breaks.sort_by(f64::total_cmp);
+    breaks.dedup();
+    Ok(Signal::function(move |t| value.value(&[t]), move |t| rate.value(&[t])).with_breaks(breaks))
+}
+
+/// First times of the new sign, to the last bit. Changes closer than t_end/20000 may be missed: steps are then cut there by
+/// their error control.
+fn sign_changes(f: &Expression, t_end: f64) -> Vec<f64> {
+    let is_positive = |t: f64| f.value(&[t]) >= 0.0;
+    let time = |i: u32| t_end * f64::from(i) / f64::from(LOOKS);
+    let mut found = Vec::new();
+    let mut before = is_positive(0.0);
+    for i in 1..=LOOKS {
+        let now = is_positive(time(i));
+        if now != before {
+            let (mut low, mut high) = (time(i - 1), time(i));
+            loop {
+                let middle = 0.5 * (low + high);
+                if middle <= low || middle >= high {
+                    break;
+                }
+                if is_positive(middle) == before { low = middle } else { high = middle }
+            }
+            found.push(high);
+            before = now;
+        }
+    }
+    found
 }
