@@ -32,7 +32,8 @@ pub struct Problem {
 /// Everything a reader has to say about one source.
 ///
 /// [`fmt::Display`] prints it for people: errors and warnings with file and line, then what was used, approximated and
-/// ignored. Entries that differ only in their place are printed once, with their number.
+/// ignored. Entries that differ only in their place are printed once, with their number; of more than a hundred different
+/// ones of a list the first hundred.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Report {
     /// The file's name as the user gave it.
@@ -145,10 +146,14 @@ fn count(n: usize, word: &str) -> String {
     format!("{n} {word}{}", if n == 1 { "" } else { "s" })
 }
 
+/// Most groups of a list that are printed.
+const MOST_PRINTED: usize = 100;
+
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (severity, problems) in [("error", &self.errors), ("warning", &self.warnings)] {
-            for group in groups(problems, |p| (kind(&p.place), &p.found, &p.required, &p.remedy)) {
+            let groups = groups(problems, |p| (kind(&p.place), &p.found, &p.required, &p.remedy));
+            for group in groups.iter().take(MOST_PRINTED) {
                 let p = group.first;
                 writeln!(f, "{severity}: {}: {}", p.place, p.found)?;
                 write!(f, "  --> {}", position(&self.source, p.line))?;
@@ -156,6 +161,13 @@ impl fmt::Display for Report {
                     write!(f, " (and {} like it)", count(group.count - 1, kind(&p.place)))?;
                 }
                 writeln!(f, "\n   = required: {}\n   = to do: {}", p.required, p.remedy)?;
+            }
+            if groups.len() > MOST_PRINTED {
+                writeln!(
+                    f,
+                    "{severity}: {} more of other kinds are not printed",
+                    groups.len() - MOST_PRINTED
+                )?;
             }
         }
         writeln!(
@@ -172,7 +184,8 @@ impl fmt::Display for Report {
                 continue;
             }
             writeln!(f, "{title}:")?;
-            for group in groups(notes, |n| (kind(&n.place), &n.what)) {
+            let groups = groups(notes, |n| (kind(&n.place), &n.what));
+            for group in groups.iter().take(MOST_PRINTED) {
                 let n = group.first;
                 let line = n.line.map(|line| format!("line {line}"));
                 match (group.count, line) {
@@ -183,6 +196,9 @@ impl fmt::Display for Report {
                         writeln!(f, "  {}: {} (first: {line})", count(many, kind(&n.place)), n.what)?
                     }
                 }
+            }
+            if groups.len() > MOST_PRINTED {
+                writeln!(f, "  {} more are not printed", groups.len() - MOST_PRINTED)?;
             }
         }
         Ok(())
@@ -210,5 +226,19 @@ mod tests {
                         = to do: add it\narm.urdf: 0 errors, 2 warnings\nignored:\n  2 links: visual geometry (first: \
                         line 3)\n  joint `j`: calibration (line 5)\n";
         assert_eq!(report.to_string(), expected);
+    }
+
+    #[test]
+    fn many_different_entries_are_cut() {
+        let mut report = Report::new("arm.urdf");
+        for i in 0..1000 {
+            report.errors.push(Problem::new(None, "link `a`", format!("{i}"), "less", "change it"));
+            report.used.push(Note::new(None, "link `a`", format!("{i}")));
+        }
+        let text = report.to_string();
+        assert!(
+            text.contains("error: 900 more of other kinds") && text.contains("  900 more are not printed")
+        );
+        assert!(text.contains("arm.urdf: 1000 errors") && !text.contains("link `a`: 100\n"));
     }
 }

@@ -8,6 +8,8 @@ use roxmltree::{Attribute, Document, Node, ParsingOptions};
 const DEEPEST: usize = 200;
 /// Most attributes of one element: the parser compares each with all before it.
 const MOST_ATTRIBUTES: usize = 200;
+/// Most namespace declarations of a document: the parser copies those in scope for each element that adds one.
+const MOST_NAMESPACES: usize = 1000;
 /// Most nodes of a document, about 100 bytes each.
 const MOST_NODES: u32 = 20_000_000;
 
@@ -68,7 +70,7 @@ pub(crate) fn parse(text: &str) -> Result<Document<'_>, Problem> {
     })
 }
 
-/// One pass over the tags: nesting and number of attributes. What is not well formed is left to the parser.
+/// One pass over the tags: nesting, attributes, namespaces. What is not well formed is left to the parser.
 fn check_bounds(text: &str) -> Result<(), Problem> {
     let bytes = text.as_bytes();
     let after = |from: usize, end: &str| text[from..].find(end).map_or(text.len(), |i| from + i + end.len());
@@ -82,7 +84,7 @@ fn check_bounds(text: &str) -> Result<(), Problem> {
             "see whether a program wrote the file wrongly",
         )
     };
-    let (mut depth, mut i) = (0usize, 0);
+    let (mut depth, mut namespaces, mut i) = (0usize, 0usize, 0);
     while let Some(start) = text[i..].find('<').map(|k| i + k) {
         let rest = &bytes[start..];
         if rest.starts_with(b"<!--") {
@@ -107,6 +109,11 @@ fn check_bounds(text: &str) -> Result<(), Problem> {
             if attributes > MOST_ATTRIBUTES {
                 let found = format!("an element with {attributes} attributes");
                 return Err(problem(start, found, format!("at most {MOST_ATTRIBUTES}")));
+            }
+            namespaces += text[start..end].matches("xmlns").count();
+            if namespaces > MOST_NAMESPACES {
+                let found = format!("{namespaces} namespace declarations");
+                return Err(problem(start, found, format!("at most {MOST_NAMESPACES}")));
             }
             if rest.starts_with(b"</") {
                 depth = depth.saturating_sub(1);
@@ -158,6 +165,8 @@ mod tests {
     fn a_hundred_thousand_levels_are_refused_at_once() {
         let deep = "<a>".repeat(100_000);
         assert!(parse(&deep).unwrap_err().found.contains("nested 201 deep"));
+        let namespaces = "<b xmlns:q='u'/>".repeat(100_000);
+        assert!(parse(&format!("<a>{namespaces}</a>")).unwrap_err().found.contains("namespace"));
         // A comment opened and never closed, many times over, must not be searched again and again.
         assert!(parse(&"<!--".repeat(200_000)).is_err());
     }
