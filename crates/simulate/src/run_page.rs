@@ -13,6 +13,12 @@ use phipsi_spatial::{Quaternion, Vec3};
 /// Most frames of the drawing.
 const MOST_FRAMES: usize = 600;
 
+/// Most curves of a chart: those with the largest range are shown.
+const MOST_CURVES: usize = 40;
+
+/// Most bodies of a drawing.
+const MOST_BODIES: usize = 2000;
+
 /// `index.html`.
 pub fn page(scene: &Scene, file: &RunFile, columns: &Columns, rows: &[Row], steps: &[StepRecord]) -> String {
     let mut warnings = file.warnings.clone();
@@ -22,6 +28,9 @@ pub fn page(scene: &Scene, file: &RunFile, columns: &Columns, rows: &[Row], step
     let shown =
         summary(file).into_iter().filter(|(name, _)| !["scene", "warnings", "left out"].contains(name));
     let model = scene.simulation.model();
+    if model.len() > MOST_BODIES {
+        warnings.push(format!("no drawing: {} bodies, and at most {MOST_BODIES} are drawn", model.len()));
+    }
     let data = PageData {
         title: &file.title,
         summary: shown.map(|(name, lines)| (name.to_string(), lines.join("; "))).collect(),
@@ -29,7 +38,8 @@ pub fn page(scene: &Scene, file: &RunFile, columns: &Columns, rows: &[Row], step
         left_out: file.plan.left_out.clone(),
         details: details(file),
         charts: charts(model, columns, rows, steps),
-        drawing: Some(drawing(model, scene.simulation.dynamics.layout(), rows)),
+        drawing: (model.len() <= MOST_BODIES)
+            .then(|| drawing(model, scene.simulation.dynamics.layout(), rows)),
     };
     render(&data)
 }
@@ -75,8 +85,14 @@ fn charts(model: &Model, columns: &Columns, rows: &[Row], steps: &[StepRecord]) 
         for (title, label, series) in
             [("Joint positions", q_label, positions), ("Velocities", v_label, velocities)]
         {
+            let all = series.len();
+            let series = most_moved(series);
+            let title = match all == series.len() {
+                true => title.to_string(),
+                false => format!("{title}: the {} of {all} that move most", series.len()),
+            };
             if !series.is_empty() {
-                charts.push(chart(title, label, false, series));
+                charts.push(chart(&title, label, false, series));
             }
         }
     }
@@ -104,6 +120,21 @@ fn charts(model: &Model, columns: &Columns, rows: &[Row], steps: &[StepRecord]) 
         charts.push(chart(&format!("Output {name}"), "", false, vec![of(name, &|r| r.outputs[i])]));
     }
     charts
+}
+
+/// The curves with the largest range, in their order.
+fn most_moved(series: Vec<Series>) -> Vec<Series> {
+    let range = |s: &Series| {
+        let ends = s
+            .points
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| (low.min(p.1), high.max(p.1)));
+        ends.1 - ends.0
+    };
+    let mut ranges: Vec<f64> = series.iter().map(range).collect();
+    ranges.sort_by(|a, b| b.total_cmp(a));
+    let least = ranges.get(MOST_CURVES - 1).copied().unwrap_or(f64::NEG_INFINITY);
+    series.into_iter().filter(|s| range(s) >= least).take(MOST_CURVES).collect()
 }
 
 /// The mechanism as lines, with the poses of all bodies at the recorded instants.
