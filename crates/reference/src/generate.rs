@@ -40,6 +40,8 @@ pub struct Case {
     pub tau: Vec<f64>,
     /// One per body.
     pub wrenches: Vec<Wrench<f64>>,
+    /// Further wrenches, one per body, that every result with forces takes in: zero, but for perturbed cases.
+    pub rounding: Vec<Wrench<f64>>,
     /// A body.
     pub body: usize,
     /// A point in its frame, m.
@@ -66,7 +68,8 @@ pub fn case_within(seed: u64, limits: Limits) -> Case {
     let wrenches =
         w.chunks_exact(6).map(|w| Wrench::from_array([w[0], w[1], w[2], w[3], w[4], w[5]])).collect();
     let (body, point) = (random.below(model.len()), Vec3(random.vector()));
-    Case { model, q, v, a, tau, wrenches, body, point }
+    let rounding = vec![Wrench::zero(); model.len()];
+    Case { model, q, v, a, tau, wrenches, rounding, body, point }
 }
 
 /// A body before it has its mass.

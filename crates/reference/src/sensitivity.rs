@@ -1,6 +1,8 @@
 //! How much a result answers to relative changes of its inputs: the κ in budgets n·ε·κ.
 
+use crate::bodies::{WorldInertia, world_inertias};
 use crate::generate::{Case, rebuilt};
+use crate::kinematics::{BodyMotion, kinematics};
 use phipsi_model::{Body, Inertia, Joint, JointKind, Model, Placement, Random};
 use phipsi_spatial::{Dd, Vec3, Wrench};
 
@@ -12,7 +14,9 @@ pub const STEP: f64 = 1e-8;
 /// least the component's own size.
 ///
 /// Perturbed are masses, moments, lengths, pitches, gravity, q, v, a, τ and wrenches by their own size, placements'
-/// rotations and quaternions by one, angles by the larger of one and their size: the rounding of a rotation matrix.
+/// rotations and quaternions by one, angles by the larger of one and their size: the rounding of a rotation matrix. The
+/// weight, centrifugal force and gyroscopic moment of each body change by a part of their own ([`Case::rounding`]): rounding
+/// does not know that all bodies fall alike and that a centrifugal force passes through the centre of mass.
 pub fn sensitivity(
     case: &Case,
     samples: usize,
@@ -45,9 +49,31 @@ pub fn perturbed(case: &Case, random: &mut Random, step: f64) -> Case {
             Wrench::new(Vec3(moment), Vec3(force))
         })
         .collect();
+    let rounding = forces_at_rest(case)
+        .iter()
+        .zip(case.model.bodies())
+        .map(|([moment, force], body)| {
+            let moment = Vec3(random.vector()).scale(step * moment);
+            let force = Vec3(random.vector()).scale(step * force);
+            Wrench::new(moment + Vec3(body.inertia.frame.translation).cross(force), force)
+        })
+        .collect();
     let q = perturbed_configuration(&case.model, &case.q, random, step);
     let point = Vec3(vector(case.point.0, random, step));
-    Case { model, q, v, a, tau, wrenches, body: case.body, point }
+    Case { model, q, v, a, tau, wrenches, rounding, body: case.body, point }
+}
+
+/// For every body, the sizes of its gyroscopic moment and of its weight and centrifugal force at a = 0.
+fn forces_at_rest(case: &Case) -> Vec<[f64; 2]> {
+    let motions = kinematics(&case.model, &case.q, &case.v, &vec![0.0; case.model.nv()]);
+    let g = Vec3(case.model.gravity()).norm();
+    let inertias = world_inertias(&case.model, &motions);
+    let of = |(motion, inertia): (&BodyMotion<f64>, &WorldInertia<f64>)| {
+        let w = motion.velocity.angular;
+        let moment = w.norm() * (inertia.tensor * w).norm();
+        [moment, inertia.mass * (g + motion.acceleration_at(inertia.center).norm())]
+    };
+    motions.iter().zip(&inertias).map(of).collect()
 }
 
 fn perturbed_configuration(model: &Model, q: &[f64], random: &mut Random, step: f64) -> Vec<f64> {
