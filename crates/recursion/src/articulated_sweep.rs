@@ -53,6 +53,10 @@ pub(crate) fn eliminate<T: Scalar>(
         P.add_outer(column, -inverse);
         pivots[i] = Pivot { column, inverse };
     }
+    // A free joint lets nothing through: what the subtractions leave is rounding.
+    if matches!(hinge, Hinge::Free) {
+        *P = ArticulatedInertia::zero();
+    }
     Ok(())
 }
 
@@ -64,10 +68,18 @@ pub(crate) fn filter<T: Scalar>(
     z: &mut Wrench<T>,
     residuals: &mut [T],
 ) {
+    // H = I and G = I: z⁺ = T exactly, whatever the size of z.
+    let through = match hinge {
+        Hinge::Free => Some(Wrench::from_array(core::array::from_fn(|i| residuals[i]))),
+        _ => None,
+    };
     for i in 0..hinge.nv() {
         let nu = (residuals[i] - hinge.project(i, z)) * pivots[i].inverse;
         *z += pivots[i].column.scale(nu);
         residuals[i] = nu;
+    }
+    if let Some(through) = through {
+        *z = through;
     }
 }
 
