@@ -1,4 +1,5 @@
-//! Readers of files: robots in URDF, and the algebraic expressions that scenes and force fields contain.
+//! Readers of files: robots in URDF, systems of OpenMM, and the algebraic expressions that scenes and force fields
+//! contain.
 //!
 //! A reader turns text into a value and a [`Report`]: what was used, what was approximated, what was ignored, and every
 //! problem with its line. It never stops at the first problem, and no input makes it panic.
@@ -20,9 +21,11 @@
 //! ```
 
 pub mod expression;
+mod file;
 mod joint_kind;
 pub mod report;
 mod suggest;
+pub mod system;
 pub mod urdf;
 mod xml;
 
