@@ -11,14 +11,15 @@ free: v               linear, angular; body axes               linear in **world
 free: a               componentwise rate of v                  componentwise rate of v
 spherical: q          quaternion x y z w                       quaternion w x y z
 continuous: q         cos, sin                                 angle
-planar: q             x, y, cos, sin                           (no such joint)
-planar: v             v_x, v_y, ω; body axes                   (no such joint)
+planar: q             x, y, cos, sin                           x, y, angle (three joints, NAME_TX, _TY, _RZ)
+planar: v             v_x, v_y, ω; body axes                   rates of x, y, angle: axes of the **plane**
 one axis              as ours                                  as ours
 ====================  =======================================  =========================================
 
-MuJoCo's free velocity is in world axes, so v, f and a of a free joint need the configuration, and a the velocity too:
-pass them as ``q`` and ``v``, in the same program's layout as the first argument. Where Pinocchio's are the same for
-every configuration, they may be left out.
+MuJoCo's linear velocity is not in body axes, so v, f and a of free and planar joints need the configuration, and a the
+velocity too: pass them as ``q`` and ``v``, laid out as the first argument. With Pinocchio they may be left out. Pinocchio
+moves every planar joint in its frame's x-y plane, whatever the normal in the file: only those with normal z are the same
+mechanism there.
 
 >>> m = phipsi.Model.from_urdf("arm.urdf", base="free")
 >>> x = phipsi.interop.MuJoCo(m, ["free", "shoulder", "elbow"])
@@ -165,10 +166,6 @@ class _Layout:
     def _our_q(self, joint: _Joint, q: Array) -> Array:
         return q
 
-    def _quaternion(self, q: Array, ours: bool) -> Array:
-        """Quaternion x y z w of a free joint from its coordinates, which are ours or theirs."""
-        return q[..., 3:]
-
     def _velocity(self, joint: _Joint, v: Array, rotation: Array | None, inward: bool) -> Array:
         return v
 
@@ -182,6 +179,10 @@ class _Layout:
 
     #: Types of joints whose velocities depend on the configuration there.
     _turning: frozenset[str] = frozenset()
+
+    def _frame(self, joint: _Joint, q: Array, ours: bool) -> Array:
+        """Rotation of a joint of these types, body to parent, from its coordinates, ours or theirs."""
+        raise NotImplementedError
 
     def _map_q(self, q: ArrayLike, inward: bool) -> Array:
         x = _read("q", q, self.nq if inward else self._ours[0])
@@ -202,7 +203,7 @@ class _Layout:
         for name, given, needed in [("q", q, True), ("v", v, what == "a")]:
             if turning and needed and given is None:
                 raise ArgumentError(
-                    f"`{name}` is missing: {self._program} writes the velocity of joint `{turning[0]}` in world axes",
+                    f"`{name}` is missing: {self._program} writes the velocity of joint `{turning[0]}` in the parent's axes",
                     argument=name,
                     found=None,
                     required=f"the configuration{' and velocity' if what == 'a' else ''}, laid out as `{what}`",
@@ -228,7 +229,7 @@ class _Layout:
             rotation = speed = None
             if j.kind in self._turning and positions is not None:
                 where = j.their_q if inward else j.q
-                rotation = _rotation(self._quaternion(positions[..., where], not inward))
+                rotation = self._frame(j, positions[..., where], not inward)
                 if velocities is not None:
                     speed = velocities[..., source]
             if what == "a":
@@ -372,15 +373,28 @@ class MuJoCo(_Layout):
     """
 
     _program = "MuJoCo"
-    _turning = frozenset({"floating"})
+    _turning = frozenset({"floating", "planar"})
+
+    def _match(self, m: Model, ours: list[str], theirs: list[str]) -> list[str]:
+        planar = {n for n, kind in zip(m.joint_names, m.joint_types) if kind == "planar"}
+        names, i = [], 0
+        while i < len(theirs):
+            name = theirs[i].removesuffix("_TX")
+            if name in planar and theirs[i : i + 3] == [name + "_TX", name + "_TY", name + "_RZ"]:
+                names.append(name)
+                i += 3
+            else:
+                names.append(theirs[i])
+                i += 1
+        return super()._match(m, ours, names)
 
     def _sizes(self, name: str, kind: str) -> tuple[int, int]:
-        if kind not in ("revolute", "continuous", "prismatic", "spherical", "floating"):
+        if kind not in ("revolute", "continuous", "prismatic", "spherical", "floating", "planar"):
             raise ArgumentError(
                 f"joint `{name}` is {kind}, which MuJoCo has no joint for",
                 argument="joint_names",
                 found=kind,
-                required="revolute, continuous, prismatic, spherical or floating joints",
+                required="revolute, continuous, prismatic, planar, spherical or floating joints",
             )
         return _OURS_Q.get(kind, 1), _OURS_V.get(kind, 1)
 
@@ -394,25 +408,52 @@ class MuJoCo(_Layout):
             return np.concatenate([q[..., :-4], q[..., -3:], q[..., -4:-3]], axis=-1)
         return q
 
-    def _quaternion(self, q: Array, ours: bool) -> Array:
-        return q[..., 3:] if ours else np.roll(q[..., 3:], -1, axis=-1)
+    def _frame(self, joint: _Joint, q: Array, ours: bool) -> Array:
+        if joint.kind == "planar":
+            half = 0.5 * q[..., 2]
+            zero = np.zeros_like(half)
+            return _rotation(np.stack([zero, zero, np.sin(half), np.cos(half)], axis=-1))
+        return _rotation(q[..., 3:] if ours else np.roll(q[..., 3:], -1, axis=-1))
 
     def _velocity(self, joint: _Joint, v: Array, rotation: Array | None, inward: bool) -> Array:
-        if joint.kind != "floating" or rotation is None:
+        if rotation is None:
             return v
-        if inward:
-            return np.concatenate([v[..., 3:], _turn(np.swapaxes(rotation, -1, -2), v[..., :3])], axis=-1)
-        return np.concatenate([_turn(rotation, v[..., 3:]), v[..., :3]], axis=-1)
+        return _six_to(joint, _turned(_six_of(joint, v, inward), rotation, inward), not inward)
 
     def _acceleration(
         self, joint: _Joint, a: Array, rotation: Array | None, v: Array | None, inward: bool
     ) -> Array:
-        if joint.kind != "floating" or rotation is None or v is None:
+        if rotation is None or v is None:
             return a
         # With v_w = R v: its rate is R (v̇ + ω × v).
+        six, speed = _six_of(joint, a, inward), _six_of(joint, v, inward)
         if inward:
-            back = np.swapaxes(rotation, -1, -2)
-            omega, linear = v[..., 3:], _turn(back, v[..., :3])
-            return np.concatenate([a[..., 3:], _turn(back, a[..., :3]) - np.cross(omega, linear)], axis=-1)
-        omega, linear = v[..., :3], v[..., 3:]
-        return np.concatenate([_turn(rotation, a[..., 3:] + np.cross(omega, linear)), a[..., :3]], axis=-1)
+            out = _turned(six, rotation, True)
+            speed = _turned(speed, rotation, True)
+            out[..., 3:] -= np.cross(speed[..., :3], speed[..., 3:])
+        else:
+            six[..., 3:] += np.cross(speed[..., :3], speed[..., 3:])
+            out = _turned(six, rotation, False)
+        return _six_to(joint, out, not inward)
+
+
+def _six_of(joint: _Joint, x: Array, theirs: bool) -> Array:
+    """Coordinates of a free or planar joint as those of a free one: ours angular first, theirs linear first."""
+    if joint.kind == "floating":
+        return np.array(x)
+    out = np.zeros((*x.shape[:-1], 6))
+    out[..., [0, 1, 5] if theirs else [2, 3, 4]] = x
+    return out
+
+
+def _six_to(joint: _Joint, six: Array, theirs: bool) -> Array:
+    if joint.kind == "floating":
+        return six
+    return six[..., [0, 1, 5] if theirs else [2, 3, 4]]
+
+
+def _turned(six: Array, rotation: Array, inward: bool) -> Array:
+    """Theirs (linear in the parent's axes, angular) to ours (angular, linear; body axes), and back."""
+    if inward:
+        return np.concatenate([six[..., 3:], _turn(np.swapaxes(rotation, -1, -2), six[..., :3])], axis=-1)
+    return np.concatenate([_turn(rotation, six[..., 3:]), six[..., :3]], axis=-1)

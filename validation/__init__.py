@@ -1,0 +1,1 @@
+"""phipsi against other programs and reference data; needs ``pip install -r validation/requirements.txt``."""
