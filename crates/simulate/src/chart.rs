@@ -19,7 +19,8 @@ pub struct Chart {
     pub x_label: String,
     /// Quantity and unit along y.
     pub y_label: String,
-    /// Logarithmic y axis; exact zeros are drawn in a strip below it, negative values leave gaps.
+    /// Logarithmic y axis; exact zeros (and a few values far below all others) are drawn in a strip below it, negative
+    /// values leave gaps.
     pub log_y: bool,
     /// The curves.
     pub series: Vec<Series>,
@@ -57,10 +58,14 @@ impl Chart {
     /// The chart as one `<svg>` element. `id` begins the ids inside it: unique on its page, letters and digits.
     pub fn to_svg(&self, id: &str) -> String {
         let frame = Frame::new(self);
-        let legend = Legend::new(self.series.iter().map(|s| s.name.as_str()));
+        // A single curve that the title names needs no legend.
+        let named = matches!(&self.series[..], [one] if self.title.contains(&one.name));
+        let explained = if named { &[] } else { &self.series[..] };
+        let legend = Legend::new(explained.iter().map(|s| s.name.as_str()));
         let height = frame.bottom + 38.0 + legend.height;
         let mut out = format!(
-            r##"<svg xmlns="http://www.w3.org/2000/svg" class="chart" viewBox="0 0 {WIDTH} {height}" role="img" aria-label="{}" font-family="system-ui, sans-serif" font-size="12""##,
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"chart\" viewBox=\"0 0 {WIDTH} {height}\" \
+             role=\"img\" aria-label=\"{}\" font-family=\"system-ui, sans-serif\" font-size=\"12\"",
             escape(&self.description())
         );
         if self.x_label.starts_with("time") {
@@ -84,8 +89,8 @@ impl Chart {
         if self.x_label.starts_with("time") {
             let _ = write!(
                 out,
-                r##"<line class="cursor" x1="{0:.1}" x2="{0:.1}" y1="{1}" y2="{2}" stroke="#888" visibility="hidden"/>"##,
-                frame.left, PLOT_TOP, frame.bottom
+                r##"<path class="cursor" d="M0 {PLOT_TOP}V{}" stroke="#888" visibility="hidden"/>"##,
+                frame.bottom
             );
         }
         legend.write(frame.bottom + 50.0, &mut out);
@@ -152,7 +157,7 @@ impl Frame {
         let line = |out: &mut String, class: &str, color: &str, [x1, y1, x2, y2]: [f64; 4]| {
             let _ = write!(
                 out,
-                r#"<line class="{class}" stroke="{color}" stroke-width="1" x1="{x1:.1}" y1="{y1:.1}" x2="{x2:.1}" y2="{y2:.1}"/>"#
+                r#"<path class="{class}" stroke="{color}" d="M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}"/>"#
             );
         };
         for place in &self.y.minor {
@@ -170,20 +175,18 @@ impl Frame {
             let y = bottom + 17.0;
             let _ = write!(out, r#"<text x="{x:.1}" y="{y:.1}" text-anchor="middle">{text}</text>"#);
         }
-        if let Some(floor) = self.y.zero_strip() {
+        if let Some(floor) = self.y.strip() {
             let y = self.up(floor / 2.0);
             line(out, "axis", "#999", [left - 3.0, y - 2.0, left + 3.0, y + 2.0]);
         }
         line(out, "axis", "#999", [left, bottom, right, bottom]);
         line(out, "axis", "#999", [left, PLOT_TOP, left, bottom]);
-        let _ = write!(
-            out,
-            r#"<text class="label" x="0" y="32">{}</text><text class="label" x="{:.1}" y="{:.1}" text-anchor="middle">{}</text>"#,
-            escape(&label(&chart.y_label, self.y.exponent)),
-            (left + right) / 2.0,
-            bottom + 33.0,
-            escape(&label(&chart.x_label, self.x.exponent)),
-        );
+        let y_label = escape(&label(&chart.y_label, self.y.exponent));
+        let _ = write!(out, r#"<text class="label" x="0" y="32">{y_label}</text>"#);
+        let (x, y) = ((left + right) / 2.0, bottom + 33.0);
+        let x_label = escape(&label(&chart.x_label, self.x.exponent));
+        let _ =
+            write!(out, r#"<text class="label" x="{x:.1}" y="{y:.1}" text-anchor="middle">{x_label}</text>"#);
     }
 
     /// Writes a curve; returns the height of its last point.
@@ -207,11 +210,10 @@ impl Frame {
             out,
             r#"<g class="series" fill="none" stroke-width="1.5" stroke-linejoin="round" stroke-linecap="round">"#
         );
-        let _ = write!(
-            out,
-            r##"<title>{name}</title><path id="{id}s{i}" {} d="{path}"/><use href="#{id}s{i}" stroke-width="10" stroke-opacity="0"/></g>"##,
-            stroke(i)
-        );
+        let _ = write!(out, r#"<title>{name}</title><path id="{id}s{i}" {} d="{path}"/>"#, stroke(i));
+        // Unseen and wide, so that pointing need not be exact.
+        out.push_str(r#"<use stroke-width="10" visibility="hidden" pointer-events="stroke""#);
+        let _ = write!(out, r##" href="#{id}s{i}"/></g>"##);
         points.iter().rev().find(|p| is_finite(p)).map(|p| p.1)
     }
 
@@ -237,15 +239,13 @@ impl Frame {
             *y = place;
         }
         for ((end, i), y) in ends.iter().zip(at) {
-            let (x, color) = (self.right, stroke(*i));
+            let (x, color, rise) = (self.right, stroke(*i), y - end);
             let _ = write!(
                 out,
-                r#"<path {color} stroke-width="0.7" fill="none" d="M{x:.1} {end:.1}l8 {:.1}"/><text x="{:.1}" y="{:.1}" font-size="9">{}</text>"#,
-                y - end,
-                x + 10.0,
-                y + 3.0,
-                i + 1
+                r#"<path {color} stroke-width="0.7" fill="none" d="M{x:.1} {end:.1}l8 {rise:.1}"/>"#
             );
+            let (x, y, number) = (x + 10.0, y + 3.0, i + 1);
+            let _ = write!(out, r#"<text x="{x:.1}" y="{y:.1}" font-size="9">{number}</text>"#);
         }
     }
 

@@ -18,7 +18,7 @@ enum Scale {
         low: f64,
         high: f64,
     },
-    /// Decades; exact zeros lie at place 0, below `floor` where positive values begin.
+    /// Decades; zeros and what is below the lowest decade lie at place 0, below `floor` where the decades begin.
     Log {
         low: f64,
         high: f64,
@@ -30,8 +30,11 @@ enum Scale {
 const NARROWEST: f64 = 1e-5;
 /// Values below are drawn as zero.
 const TINIEST: f64 = 1e-300;
-/// Height of the strip for exact zeros on a logarithmic axis.
-const ZERO_STRIP: f64 = 0.08;
+/// Height of the strip for zeros on a logarithmic axis.
+const STRIP: f64 = 0.09;
+/// This part of the positive values may lie below the lowest decade: a balance that passes through zero has a few values of
+/// any smallness, which would press all others together.
+const BELOW: f64 = 0.02;
 
 impl Axis {
     /// A linear axis over the finite ones of `values`, with about `count` ticks. `rounded`: it ends on ticks.
@@ -58,13 +61,21 @@ impl Axis {
         Axis { ticks, minor: Vec::new(), exponent, scale }
     }
 
-    /// A logarithmic axis over the positive finite ones of `values`; exact zeros get a strip of their own at its start.
-    pub fn logarithmic(values: impl Iterator<Item = f64> + Clone) -> Axis {
-        let zeros = values.clone().any(|v| v == 0.0);
-        let positive = range(values.filter(|v| v.is_finite() && *v > 0.0));
-        let (low, high) = positive.map_or((-3.0, 0.0), |(a, b)| (a.log10().floor(), b.log10().ceil()));
+    /// A logarithmic axis over the positive finite ones of `values`. Exact zeros, and the lowest fiftieth of many values, are
+    /// put into a strip of their own at its start.
+    pub fn logarithmic(values: impl Iterator<Item = f64>) -> Axis {
+        let mut sorted: Vec<f64> = values.filter(|v| v.is_finite() && *v >= 0.0).collect();
+        sorted.sort_by(f64::total_cmp);
+        let positive = &sorted[sorted.partition_point(|v| *v == 0.0)..];
+        let decade = |v: f64| v.log10().floor();
+        let (low, high) = match (positive.get((BELOW * positive.len() as f64) as usize), positive.last()) {
+            (Some(low), Some(high)) => (decade(*low), high.log10().ceil()),
+            _ => (-3.0, 0.0),
+        };
+        let zeros = positive.len() < sorted.len();
+        let tiny = positive.first().is_some_and(|v| decade(*v) < low);
         let high = if high > low { high } else { low + 1.0 };
-        let scale = Scale::Log { low, high, floor: if zeros { ZERO_STRIP } else { 0.0 } };
+        let scale = Scale::Log { low, high, floor: if zeros || tiny { STRIP } else { 0.0 } };
         let decades = (high - low) as i32;
         let every = (decades + 5) / 6;
         let at = |decade: f64| scale.place_of_decade(decade);
@@ -72,8 +83,8 @@ impl Axis {
             .filter(|d| d % every == 0)
             .map(|d| (at(low + f64::from(d)), power_of_ten(low as i32 + d)))
             .collect();
-        if zeros {
-            ticks.insert(0, (0.0, "0".into()));
+        if zeros || tiny {
+            ticks.insert(0, (0.0, if tiny { "less" } else { "0" }.into()));
         }
         let minor = match (decades, every) {
             (..4, _) => (0..decades)
@@ -97,8 +108,8 @@ impl Axis {
             Scale::Log { low, high, .. } => (10f64.powf(low), 10f64.powf(high)),
         }
     }
-    /// Where positive values begin, if there is a strip for zeros below.
-    pub fn zero_strip(&self) -> Option<f64> {
+    /// Where the decades begin, if there is a strip for zeros below.
+    pub fn strip(&self) -> Option<f64> {
         match self.scale {
             Scale::Log { floor, .. } if floor > 0.0 => Some(floor),
             _ => None,
@@ -112,7 +123,10 @@ impl Scale {
             _ if !value.is_finite() => None,
             // Quarters, because the length of the longest axis is no finite number.
             Scale::Linear { low, high } => Some((value / 4.0 - low / 4.0) / (high / 4.0 - low / 4.0)),
-            Scale::Log { .. } if value > 0.0 => Some(self.place_of_decade(value.log10())),
+            Scale::Log { low, .. } if value > 0.0 => match value.log10() {
+                decade if decade < low => Some(0.0),
+                decade => Some(self.place_of_decade(decade)),
+            },
             Scale::Log { .. } => (value == 0.0).then_some(0.0),
         }
     }
@@ -238,9 +252,20 @@ mod tests {
         let axis = Axis::logarithmic([0.0, 3e-16, 2e-13].into_iter());
         assert_eq!(labels(&axis), ["0", "10⁻¹⁶", "10⁻¹⁵", "10⁻¹⁴", "10⁻¹³", "10⁻¹²"]);
         assert_eq!(axis.place(0.0), Some(0.0));
-        assert_eq!(axis.place(1e-16), axis.zero_strip());
+        assert_eq!(axis.place(1e-16), axis.strip());
         assert!((axis.place(1e-12).unwrap() - 1.0).abs() < 4.0 * f64::EPSILON);
         assert_eq!((axis.place(-1.0), axis.place(f64::NAN)), (None, None));
+    }
+
+    #[test]
+    fn a_few_tiny_values_do_not_press_the_others_together() {
+        let many = (0..1000).map(|i| if i % 100 == 7 { 1e-32 } else { 2e-15 * f64::from(i + 1) });
+        let axis = Axis::logarithmic(many);
+        assert_eq!(labels(&axis), ["less", "10⁻¹⁴", "10⁻¹³", "10⁻¹²", "10⁻¹¹"]);
+        assert_eq!((axis.place(1e-32), axis.place(1e-14)), (Some(0.0), axis.strip()));
+        // Few values are all of interest.
+        let convergence = Axis::logarithmic((2..14).map(|k| 10f64.powi(-k)));
+        assert_eq!((convergence.place(1e-13), convergence.strip()), (Some(0.0), None));
     }
 
     #[test]

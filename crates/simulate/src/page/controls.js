@@ -39,7 +39,7 @@ function markCharts(t) {
     const x = c.left + ((t - c.low) / (c.high - c.low)) * (c.right - c.left);
     const inside = x >= c.left - 0.5 && x <= c.right + 0.5;
     c.cursor.setAttribute("visibility", inside ? "visible" : "hidden");
-    if (inside) { c.cursor.setAttribute("x1", x.toFixed(2)); c.cursor.setAttribute("x2", x.toFixed(2)); }
+    c.cursor.setAttribute("transform", `translate(${inside ? x.toFixed(2) : 0})`);
   }
 }
 for (const c of charts) {
@@ -88,7 +88,7 @@ follow.addEventListener("change", () => { view.follow = follow.checked; frameAll
 element("boxes").closest("label").hidden = boxes.every((b) => !b);
 element("boxes").addEventListener("change", (event) => { view.boxes = event.target.checked; redraw(); });
 function frameAll() {
-  Object.assign(view, { zoom: 1, right: 0, up: 0 });
+  fit();
   redraw();
 }
 element("frame").addEventListener("click", frameAll);
@@ -172,5 +172,6 @@ addEventListener("beforeprint", () => {
   for (const fold of document.querySelectorAll("details")) fold.open = true;
   draw();
 });
+fit();
 showFrame(0);
 draw();

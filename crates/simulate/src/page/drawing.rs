@@ -57,8 +57,8 @@ impl Default for DrawnBody {
 
 /// Most frames that a page holds.
 const MOST_FRAMES: usize = 600;
-/// Most poses that a page holds: 37⅓ letters each, 6 MB in all.
-const MOST_POSES: usize = 160_000;
+/// Most poses that a page holds: 37⅓ letters each, 3 MB in all.
+const MOST_POSES: usize = 80_000;
 
 impl Drawing {
     /// Number of whole frames.
@@ -92,6 +92,7 @@ impl Drawing {
             1 => "1 body".into(),
             n => format!("{n} bodies"),
         };
+        let boxed = self.bodies.iter().any(|b| b.box_half.is_some());
         let thinned = match self.frames() {
             n if n > kept.len() => format!(" The drawing holds {} of {n} recorded frames.", kept.len()),
             _ => String::new(),
@@ -99,6 +100,7 @@ impl Drawing {
         let values = [
             ("title", escape(title)),
             ("bodies", bodies),
+            ("boxes", if boxed { " Boxes have the moments of inertia of their bodies." } else { "" }.into()),
             ("thinned", thinned),
             ("last", (kept.len() - 1).to_string()),
             // `<` could end the script element or begin a comment.
@@ -187,7 +189,7 @@ mod tests {
         // 28 bytes a pose in base 64, 30 a time, 200 a body.
         assert!(html.len() < 600 * (30 * 38 + 30) + 30 * 200 + 5_000, "{}", html.len());
         let many = drawing(4_000, 100).to_html("t");
-        assert!(many.contains("holds 40 of 100") && many.len() < 8_000_000, "{}", many.len());
+        assert!(many.contains("holds 20 of 100") && many.len() < 4_000_000, "{}", many.len());
         assert!(!drawing(2, 600).to_html("t").contains("recorded frames"));
     }
 

@@ -53,26 +53,24 @@ function* pointsOf(frame) {
   }
 }
 
-// Spheres that hold the whole motion: about a fixed middle, and about the moving base.
+// Every point that is drawn, of so many frames that framing stays quick.
+const sampled = (() => {
+  const every = Math.max(1, Math.ceil((frames * (2 * segments.length + 9 * bodies.length)) / 400000));
+  const chosen = [];
+  for (let f = 0; f < frames; f += every) chosen.push(f);
+  if (chosen[chosen.length - 1] !== frames - 1) chosen.push(frames - 1);
+  return chosen;
+})();
+
+// Size of the mechanism about its base, and how far the base travels.
 const extent = (() => {
-  const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-  const every = Math.max(1, Math.ceil(frames * (segments.length + 9 * bodies.length) / 400000));
-  let following = 0, travel = 0;
-  const seen = [];
-  for (let f = 0; f < frames; f += every) seen.push(f);
-  if (seen[seen.length - 1] !== frames - 1) seen.push(frames - 1);
-  for (const f of seen) {
+  const first = center(0, 0);
+  let size = 0, travel = 0;
+  for (const f of sampled) {
     const base = center(f, 0);
-    if (finite(base) && finite(center(0, 0))) travel = Math.max(travel, distance(base, center(0, 0)));
-    for (const p of pointsOf(f)) {
-      if (!finite(p)) continue;
-      p.forEach((x, i) => { low[i] = Math.min(low[i], x); high[i] = Math.max(high[i], x); });
-      if (finite(base)) following = Math.max(following, distance(p, base));
-    }
+    if (!finite(base)) continue;
+    if (finite(first)) travel = Math.max(travel, distance(base, first));
+    for (const p of pointsOf(f)) if (finite(p)) size = Math.max(size, distance(p, base));
   }
-  if (!finite(low)) return { middle: origin, radius: 1, following: 1, travel: 0 };
-  const middle = low.map((x, i) => (x + high[i]) / 2);
-  let radius = 0;
-  for (const f of seen) for (const p of pointsOf(f)) if (finite(p)) radius = Math.max(radius, distance(p, middle));
-  return { middle, radius: radius || 1, following: following || 1, travel };
+  return { size: size || 1, travel };
 })();

@@ -15,7 +15,7 @@ pub struct View {
     pub width: f64,
     /// Height of the picture, pixels.
     pub height: f64,
-    /// Draws the boxes, too.
+    /// Draws the boxes of the last moment, too.
     pub boxes: bool,
 }
 
@@ -24,6 +24,10 @@ impl Default for View {
         View { azimuth: -1.05, elevation: 0.4, width: 640.0, height: 400.0, boxes: true }
     }
 }
+
+const STYLE: &str = "\
+    .l{stroke:#1c2126}.b{stroke:#7f97b0}.d{fill:#1d6fb8}\
+    @media(prefers-color-scheme:dark){.l{stroke:#e4e8ec}.b{stroke:#5d7389}.d{fill:#6cb6ff}}";
 
 type Point = [f64; 2];
 
@@ -52,24 +56,27 @@ pub fn snapshot_svg(drawing: &Drawing, frames: &[usize], view: &View) -> String 
     let names: Vec<&str> = drawing.bodies.iter().take(1).map(|b| b.name.as_str()).collect();
     let about = format!("{} moments of the motion of {}", pictures.len(), names.concat());
     let mut out = format!(
-        r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" role="img" aria-label="{}" fill="none" stroke-linecap="round"><style>.l{{stroke:#1c2126}}.b{{stroke:#7f97b0}}.d{{fill:#1d6fb8}}@media (prefers-color-scheme:dark){{.l{{stroke:#e4e8ec}}.b{{stroke:#5d7389}}.d{{fill:#6cb6ff}}}}</style>"##,
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" height=\"{height}\" \
+         role=\"img\" aria-label=\"{}\" fill=\"none\" stroke-linecap=\"round\"><style>{STYLE}</style>",
         escape(&about)
     );
     let heaviest = drawing.bodies.iter().map(|b| b.mass).filter(|m| m.is_finite()).fold(0.0, f32::max);
+    // Dots shrink where there are many.
+    let largest_dot = 7.0 * (12.0 / drawing.bodies.len().max(1) as f64).sqrt().clamp(0.2, 1.0);
     let last = pictures.len().saturating_sub(1);
     for (i, picture) in pictures.iter().enumerate() {
         // Ghosts grow stronger towards the last moment.
         let (opacity, thick) =
-            if i == last { (1.0, 2.8) } else { (0.14 + 0.26 * (i + 1) as f64 / pictures.len() as f64, 2.0) };
+            if i == last { (1.0, 2.8) } else { (0.2 + 0.25 * (i + 1) as f64 / pictures.len() as f64, 2.0) };
         let _ = write!(out, r#"<g opacity="{opacity:.2}">"#);
-        if view.boxes {
+        if view.boxes && i == last {
             let d = path(&mut picture.boxes.iter().copied());
             let _ = write!(out, r#"<path class="b" stroke-width="1" d="{d}"/>"#);
         }
         let d = path(&mut picture.lines.iter().map(|l| l.1));
         let _ = write!(out, r#"<path class="l" stroke-width="{thick}" d="{d}"/>"#);
         for (p, mass) in picture.dots.iter().filter(|d| d.1 > 0.0) {
-            let radius = (7.0 * (mass / f64::from(heaviest)).cbrt()).max(1.8);
+            let radius = (largest_dot * (mass / f64::from(heaviest)).cbrt()).max(1.2);
             let (x, y) =
                 at(*p).split_once(' ').map(|(x, y)| (x.to_string(), y.to_string())).unwrap_or_default();
             let _ = write!(out, r#"<circle class="d" cx="{x}" cy="{y}" r="{radius:.1}"/>"#);

@@ -1,9 +1,15 @@
 // The picture: an orthographic view with z up, drawn on the canvas.
 const canvas = document.getElementById("canvas");
 const pen = canvas.getContext("2d");
-const start = { azimuth: -1.05, elevation: 0.4, zoom: 1, right: 0, up: 0 };
-const view = { ...start, frame: 0, follow: extent.travel > 4 * extent.following, boxes: true, marked: null };
+const view = {
+  azimuth: -1.05, elevation: 0.4, zoom: 1, right: 0, up: 0,
+  frame: 0, follow: extent.travel > 4 * extent.size, boxes: true, marked: null,
+  // Half width and half height of what the picture shows at zoom 1.
+  half: [1, 1],
+};
 const few = bodies.length <= 300;
+// Marks shrink where there are many.
+const markSize = Math.max(0.2, Math.min(1, Math.sqrt(12 / bodies.length)));
 const heaviest = Math.max(0, ...bodies.map((b) => b.mass || 0)) || 1;
 let shown = [];
 
@@ -12,24 +18,40 @@ function color(name) {
 }
 
 // The axes of the picture and what its middle shows.
-function camera() {
+function camera(frame = view.frame) {
   const [ca, sa, ce, se] = [Math.cos(view.azimuth), Math.sin(view.azimuth), Math.cos(view.elevation), Math.sin(view.elevation)];
-  const width = canvas.clientWidth, height = canvas.clientHeight;
-  const radius = view.follow ? extent.following : extent.radius;
-  const base = center(view.frame, 0);
+  const width = canvas.clientWidth, height = canvas.clientHeight, base = center(frame, 0);
   return {
     right: [-sa, ca, 0], up: [-se * ca, -se * sa, ce], toward: [ce * ca, ce * sa, se],
-    width, height, radius,
-    target: view.follow && finite(base) ? base : extent.middle,
-    scale: (0.46 * Math.min(width, height) / radius) * view.zoom,
+    width, height, target: view.follow && finite(base) ? base : origin,
+    scale: Math.min((0.44 * width) / view.half[0], (0.42 * height) / view.half[1]) * view.zoom,
   };
 }
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-// Pixels across and down, and the depth in radii, nearer positive.
+const relative = (cam, p) => p.map((x, i) => x - cam.target[i]);
+// Pixels across and down, and the depth in sizes of the mechanism, nearer positive.
 function project(cam, p) {
-  const d = [p[0] - cam.target[0], p[1] - cam.target[1], p[2] - cam.target[2]];
-  const across = dot(d, cam.right) - view.right, up = dot(d, cam.up) - view.up;
-  return [cam.width / 2 + cam.scale * across, cam.height / 2 - cam.scale * up, dot(d, cam.toward) / cam.radius];
+  const d = relative(cam, p), across = dot(d, cam.right) - view.right, up = dot(d, cam.up) - view.up;
+  return [cam.width / 2 + cam.scale * across, cam.height / 2 - cam.scale * up, dot(d, cam.toward) / extent.size];
+}
+
+// Moves and zooms so that the whole motion fits, seen from the present side.
+function fit() {
+  const low = [Infinity, Infinity], high = [-Infinity, -Infinity];
+  for (const f of sampled) {
+    const cam = camera(f);
+    for (const p of pointsOf(f)) {
+      const d = relative(cam, p);
+      [dot(d, cam.right), dot(d, cam.up)].forEach((x, i) => {
+        if (Number.isFinite(x)) { low[i] = Math.min(low[i], x); high[i] = Math.max(high[i], x); }
+      });
+    }
+  }
+  view.zoom = 1;
+  if (!finite(low)) return;
+  [view.right, view.up] = low.map((x, i) => (x + high[i]) / 2);
+  const least = Math.max(high[0] - low[0], high[1] - low[1]) / 50 || 1;
+  view.half = low.map((x, i) => Math.max(high[i] - x, least) / 2);
 }
 
 function line(a, b, style, width, alpha) {
@@ -76,7 +98,7 @@ function draw() {
 
 // The world's axes at the world's origin.
 function drawOrigin(cam, ink) {
-  const length = roundLength(0.2 * cam.radius), from = project(cam, origin);
+  const length = roundLength(0.2 * extent.size), from = project(cam, origin);
   for (let i = 0; i < 3; i++) {
     const tip = [0, 0, 0];
     tip[i] = length;
@@ -91,7 +113,7 @@ function drawBoxes(cam, f, ink) {
     if (!at.every(finite)) return;
     const marked = k === view.marked, base = bodies[k].parent === null;
     for (const [i, j] of boxEdges) {
-      line(at[i], at[j], marked ? ink.accent : base ? ink.c0 : ink.box, base || marked ? 1.4 : 1, base ? 0.75 : 0.6);
+      line(at[i], at[j], marked ? ink.accent : base ? ink.c0 : ink.box, base || marked ? 1.4 : 1, base ? 0.75 : 0.9);
     }
   });
 }
@@ -100,9 +122,10 @@ function drawSegments(cam, f, ink) {
   const drawn = segments.map((s) => ({ s, a: project(cam, inWorld(f, s.a, s.p)), b: project(cam, inWorld(f, s.b, s.q)) }));
   const visible = drawn.filter((d) => finite(d.a) && finite(d.b));
   visible.sort((d, e) => d.a[2] + d.b[2] - e.a[2] - e.b[2]);
+  const middles = visible.map((d) => (d.a[2] + d.b[2]) / 2), low = middles[0], high = middles[middles.length - 1];
   for (const { s, a, b } of visible) {
     // What is nearer is stronger.
-    const depth = Math.min(1, Math.max(0, (a[2] + b[2]) / 4 + 0.5));
+    const depth = Math.min(1, Math.max(0, ((a[2] + b[2]) / 2 - low) / (high - low || 1)));
     line(a, b, s.a === view.marked ? ink.accent : ink.ink, few ? 2.6 : 1.6, 0.45 + 0.55 * depth);
   }
 }
@@ -111,9 +134,9 @@ function drawSegments(cam, f, ink) {
 function drawBody(cam, f, body, k, ink) {
   const joint = project(cam, inWorld(f, k, origin)), mass = project(cam, center(f, k));
   if (!finite(joint) || !finite(mass)) return null;
-  if (few && body.parent !== null) disc(joint, 3.2, ink.panel, ink.ink);
+  if (few && body.parent !== null) disc(joint, Math.max(1.6, 3.2 * markSize), ink.panel, ink.ink);
   if (body.mass > 0) {
-    disc(mass, Math.max(few ? 2.2 : 1.2, (few ? 9 : 4) * Math.cbrt(body.mass / heaviest)), k === view.marked ? ink.accent : ink.c0);
+    disc(mass, Math.max(few ? 1.8 : 1.2, 9 * markSize * Math.cbrt(body.mass / heaviest)), k === view.marked ? ink.accent : ink.c0);
   }
   return { joint, mass };
 }
@@ -151,7 +174,8 @@ function drawMarked(cam, ink) {
   }
   if (!at) return;
   const unit = data.unit === "nm" ? "Da" : "kg";
-  const words = [body.name, body.joint && `joint ${body.joint}`, body.mass > 0 && `${Number(body.mass.toPrecision(4))} ${unit}`].filter(Boolean).join(" · ");
+  const mass = body.mass > 0 && `${Number(body.mass.toPrecision(4))} ${unit}`;
+  const words = [body.name, body.joint && `joint ${body.joint}`, mass].filter(Boolean).join(" · ");
   const width = pen.measureText(words).width + 12;
   const x = Math.max(4, Math.min(cam.width - width - 4, at.mass[0] + 12)), y = Math.max(4, at.mass[1] - 30);
   pen.globalAlpha = 0.92;
