@@ -11,6 +11,7 @@
 
 use crate::integrate::{IntegrateError, Integrator, Method, Tolerances};
 use crate::system::System;
+use phipsi_model::State;
 
 /// An increment beyond this, or a tenth of the motion, is no estimate: the solution is chaotic or the run too coarse.
 const LOST: f64 = 0.1;
@@ -28,8 +29,8 @@ pub struct JudgedRun<'a> {
     pub steps: &'a [f64],
     /// Times at which forces are not smooth.
     pub breaks: &'a [f64],
-    /// Some instants of the run, the last one its end: t, q, v.
-    pub samples: &'a [(f64, Vec<f64>, Vec<f64>)],
+    /// Some instants of the run, the last one its end.
+    pub samples: &'a [State],
 }
 
 /// The estimate.
@@ -186,7 +187,7 @@ impl<'a> Judge<'a> {
         let model = system.model();
         let (t, q0, v0, aux) = run.start;
         let mut motion = [0.0f64, v0.iter().fold(0.0, |m: f64, x| m.max(x.abs()))];
-        for (_, q, v) in run.samples {
+        for State { q, v, .. } in run.samples {
             motion[0] = model.difference(q0, q).iter().fold(motion[0], |m, x| m.max(x.abs()));
             motion[1] = v.iter().fold(motion[1], |m, x| m.max(x.abs()));
         }
@@ -199,7 +200,7 @@ impl<'a> Judge<'a> {
         system: &mut S,
         companion: &mut Integrator,
     ) -> Result<(), IntegrateError<S::Error>> {
-        while let Some((t, q, v)) = self.run.samples.get(self.next).filter(|s| s.0 <= companion.t()) {
+        while let Some(State { t, q, v }) = self.run.samples.get(self.next).filter(|s| s.t <= companion.t()) {
             self.next += 1;
             if *t <= self.run.start.0 {
                 continue;

@@ -2,6 +2,7 @@
 
 mod common;
 use common::*;
+use phipsi_model::State;
 use phipsi_motion::{Dynamics, Integrator, JudgedRun, Method, System, Tolerances, estimate_error};
 
 /// Error of the double pendulum's angles at t = 1 with a given number of equal steps.
@@ -167,7 +168,7 @@ fn the_estimate_is_within_a_factor_ten_in_most_runs() {
                 let mut dynamics = free_fall(model, vec![]);
                 let (end, steps) = run(&mut dynamics, method, tolerances.rtol, q, v, *t_end);
                 let error = model.difference(exact.q(), end.q()).iter().fold(0.0f64, |m, x| m.max(x.abs()));
-                let samples = [(*t_end, end.q().to_vec(), end.v().to_vec())];
+                let samples = [State { t: *t_end, q: end.q().to_vec(), v: end.v().to_vec() }];
                 let start = (0.0, &q[..], &v[..], &[][..]);
                 let judged =
                     JudgedRun { method, tolerances, start, steps: &steps, breaks: &[], samples: &samples };

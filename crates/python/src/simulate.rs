@@ -5,6 +5,7 @@ use crate::errors::{Field, argument_error, choice_error, dynamics_error, excepti
 use crate::model::Model;
 use crate::report::{Problem, Report};
 use crate::trajectory::Trajectory;
+use phipsi::model::State;
 use phipsi::motion::forces::Control;
 use phipsi::motion::{Force, Method};
 use phipsi_simulate::run::LimitPassed;
@@ -60,7 +61,7 @@ impl Observer for Watcher {
     fn step_ends(&mut self) -> Result<Vec<f64>, SimulateError> {
         self.recording.step_ends()
     }
-    fn spread_rows(&mut self, most: usize) -> Result<Vec<(f64, Vec<f64>, Vec<f64>)>, SimulateError> {
+    fn spread_rows(&mut self, most: usize) -> Result<Vec<State>, SimulateError> {
         self.recording.spread_rows(most)
     }
 }
@@ -214,7 +215,7 @@ fn from_scene(scene: &Bound<'_, PyAny>, t_end: Option<f64>, control: bool) -> Py
     }
     if let Err(e) = std::fs::metadata(&path) {
         let reason = e.to_string().split(" (os error").next().unwrap_or_default().to_string();
-        return Err(PyOSError::new_err((e.raw_os_error(), reason, path)));
+        return Err(PyOSError::new_err((e.raw_os_error(), reason, path.into_os_string())));
     }
     let loaded = py.detach(|| phipsi_simulate::scene::load(&path, &[]));
     let mut simulation = loaded.map_err(|e| simulate_error(py, e))?.simulation;
@@ -346,7 +347,7 @@ pub fn simulate_error(py: Python<'_>, error: SimulateError) -> PyErr {
             exception(py, "NumericalError", &message, fields)
         }
         SimulateError::File { path, source } => {
-            PyOSError::new_err((source.raw_os_error(), source.to_string(), path))
+            PyOSError::new_err((source.raw_os_error(), source.to_string(), path.into_os_string()))
         }
         other => exception(py, "Error", &other.to_string(), vec![]),
     }

@@ -24,6 +24,7 @@ use crate::run::{Observer, Progress, Row, StepRecord, Summary, resume, run, spre
 use crate::scene::{self, Scene};
 use checkpoint::{Checkpoint, replace};
 use inputs::Input;
+use phipsi_model::State;
 use results::{RunFile, Status};
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -316,14 +317,10 @@ impl Observer for Recorder<'_> {
         let length = std::fs::metadata(&path).map_err(|e| SimulateError::file(&path, e))?.len();
         Ok(read_steps(&path, length / 32)?.iter().map(|s| s.t).collect())
     }
-    fn spread_rows(&mut self, most: usize) -> Result<Vec<(f64, Vec<f64>, Vec<f64>)>, SimulateError> {
+    fn spread_rows(&mut self, most: usize) -> Result<Vec<State>, SimulateError> {
         self.table.sync()?;
-        let mut rows = read_rows(&self.folder.join("trajectory.csv"), &self.columns, self.rows)?;
-        let chosen: Vec<usize> = spread(rows.len(), most).collect();
-        Ok(chosen
-            .into_iter()
-            .map(|i| (rows[i].t, std::mem::take(&mut rows[i].q), std::mem::take(&mut rows[i].v)))
-            .collect())
+        let rows = read_rows(&self.folder.join("trajectory.csv"), &self.columns, self.rows)?;
+        Ok(spread(rows.len(), most).map(|i| rows[i].state()).collect())
     }
 }
 

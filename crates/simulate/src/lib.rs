@@ -1,7 +1,7 @@
 //! From scenes to runs: reading a scene file, running it with a stated error, run folders that survive a kill.
 //!
 //! [`Simulation`] is what a run needs, made by [`scene::load`] from a file or by [`Simulation::new`] from a model.
-//! [`run`] runs it in memory or into any [`Observer`]; [`folder`] runs it into a folder that can be resumed.
+//! [`run()`] runs it in memory or into any [`Observer`]; [`folder`] runs it into a folder that can be resumed.
 
 pub mod chart;
 pub mod check;

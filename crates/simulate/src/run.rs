@@ -3,7 +3,7 @@
 use crate::error::SimulateError;
 use crate::output::{Measured, reference_error};
 use crate::simulation::Simulation;
-use phipsi_model::Model;
+use phipsi_model::{Model, State};
 use phipsi_motion::{
     Balance, Conserved, Dynamics, ErrorEstimate, IntegrateError, Integrator, IntegratorState, JudgedRun,
     MotionError, System, balance, estimate_error,
@@ -29,6 +29,13 @@ pub struct Row {
     pub momentum: [f64; 6],
     /// The scene's outputs.
     pub outputs: Vec<f64>,
+}
+
+impl Row {
+    /// Its state.
+    pub fn state(&self) -> State {
+        State { q: self.q.clone(), v: self.v.clone(), t: self.t }
+    }
 }
 
 /// An accepted step.
@@ -89,11 +96,11 @@ pub trait Observer {
     /// # Errors
     /// If they cannot be read back.
     fn step_ends(&mut self) -> Result<Vec<f64>, SimulateError>;
-    /// At most `most` recorded rows, evenly spread, the last one included: (t, q, v).
+    /// At most `most` recorded rows, evenly spread, the last one included.
     ///
     /// # Errors
     /// If they cannot be read back.
-    fn spread_rows(&mut self, most: usize) -> Result<Vec<(f64, Vec<f64>, Vec<f64>)>, SimulateError>;
+    fn spread_rows(&mut self, most: usize) -> Result<Vec<State>, SimulateError>;
 }
 
 /// Rows and steps kept in memory.
@@ -117,9 +124,9 @@ impl Observer for Recording {
     fn step_ends(&mut self) -> Result<Vec<f64>, SimulateError> {
         Ok(self.steps.iter().map(|s| s.t).collect())
     }
-    fn spread_rows(&mut self, most: usize) -> Result<Vec<(f64, Vec<f64>, Vec<f64>)>, SimulateError> {
+    fn spread_rows(&mut self, most: usize) -> Result<Vec<State>, SimulateError> {
         let rows = spread(self.rows.len(), most);
-        Ok(rows.map(|i| (self.rows[i].t, self.rows[i].q.clone(), self.rows[i].v.clone())).collect())
+        Ok(rows.map(|i| self.rows[i].state()).collect())
     }
 }
 

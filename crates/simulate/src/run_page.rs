@@ -33,7 +33,7 @@ pub fn page(scene: &Scene, file: &RunFile, columns: &Columns, rows: &[Row], step
     }
     let data = PageData {
         title: &file.title,
-        summary: shown.map(|(name, lines)| (name.to_string(), lines.join("; "))).collect(),
+        summary: shown.map(|(name, lines)| (name.to_string(), lines.join("\n"))).collect(),
         warnings,
         left_out: file.plan.left_out.clone(),
         details: details(file),

@@ -132,10 +132,7 @@ fn read(
     }
     let Some(mut scene) = Table::new(&root, "scene", report) else { return Err(Vec::new()) };
     let title = scene.text("title", report).map(str::to_string);
-    let mechanism = match mechanism::read(&mut scene, folder, report) {
-        Ok(mechanism) => mechanism,
-        Err(reports) => return Err(reports),
-    };
+    let mechanism = mechanism::read(&mut scene, folder, report)?;
     let mechanism::Mechanism { model, files, reports, friction_speed } = mechanism;
     for violation in singular_hinges(&model) {
         let place = violation.subject.to_string();

@@ -1,6 +1,6 @@
 //! Hostile scenes: mutated bytes and shuffled lines never make the reader panic, and what it accepts runs or says why not.
 
-use phipsi_model::Random;
+use phipsi_model::{Random, State};
 use phipsi_simulate::scene::parse;
 use phipsi_simulate::{Observer, Recording, Row, SimulateError, StepRecord, run};
 use std::path::Path;
@@ -134,7 +134,7 @@ impl Observer for Short {
     fn step_ends(&mut self) -> Result<Vec<f64>, SimulateError> {
         self.recording.step_ends()
     }
-    fn spread_rows(&mut self, most: usize) -> Result<Vec<(f64, Vec<f64>, Vec<f64>)>, SimulateError> {
+    fn spread_rows(&mut self, most: usize) -> Result<Vec<State>, SimulateError> {
         self.recording.spread_rows(most)
     }
 }
