@@ -195,7 +195,9 @@ pub fn array<'py>(
 /// The numbers of an array-like and its shape.
 fn numbers(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Vec<f64>, Vec<usize>)> {
     let py = object.py();
+    // `as_slice` alone also takes Fortran order, in memory order.
     if let Ok(array) = object.cast::<PyArrayDyn<f64>>()
+        && array.is_c_contiguous()
         && let Ok(read) = array.try_readonly()
         && let Ok(slice) = read.as_slice()
     {

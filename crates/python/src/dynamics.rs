@@ -89,7 +89,7 @@ impl Model {
     /// >>> bool(info.backward_error < 1e-14)
     /// True
     /// >>> info.worst_hinge.joint
-    /// 'elbow'
+    /// 'shoulder'
     #[pyo3(signature = (q, v, tau, wrenches = None, form = "auto", info = false))]
     #[allow(clippy::too_many_arguments)]
     fn forward_dynamics<'py>(
@@ -352,7 +352,7 @@ impl Model {
     /// -------
     /// >>> m = phipsi.Model.from_urdf("arm.urdf")
     /// >>> m.passive_forces([0.0, 0.0], [1.0, 1.0])
-    /// array([-0.1, -0. ])
+    /// array([-0.1,  0. ])
     fn passive_forces<'py>(
         &self,
         py: Python<'py>,

@@ -125,7 +125,7 @@ impl Model {
         if let Err(e) = std::fs::metadata(&path) {
             let text = e.to_string();
             let reason = text.split(" (os error").next().unwrap_or_default().to_string();
-            return Err(PyOSError::new_err((e.raw_os_error(), reason, path)));
+            return Err(PyOSError::new_err((e.raw_os_error(), reason, path.into_os_string())));
         }
         Self::loaded(py, py.detach(|| read_urdf_file(&path, &options)), strict)
     }

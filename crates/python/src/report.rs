@@ -64,12 +64,12 @@ fn in_line(line: Option<u32>) -> String {
 /// >>> m = phipsi.Model.from_urdf("arm.urdf")
 /// >>> m.report.warnings
 /// []
-/// >>> m.report.ignored[0]
-/// link `upper`: visual geometry (line 5)
+/// >>> m.report.ignored[0].place, m.report.ignored[0].line
+/// ('link `upper`', 5)
 #[pyclass(frozen, module = "phipsi")]
 #[derive(Clone, Debug)]
 pub struct Report {
-    /// The file.
+    /// The file's name as given.
     #[pyo3(get)]
     pub source: String,
     /// What was used that one may not expect, and a summary of the rest.

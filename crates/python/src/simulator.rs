@@ -7,7 +7,6 @@ use phipsi::motion::forces::JointDissipation;
 use phipsi::motion::{
     Dynamics, Force, ForceError, IntegrateError, Integrator, Loads, Method, Situation, System, Tolerances,
 };
-use pyo3::exceptions::PyAttributeError;
 use pyo3::prelude::*;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -156,7 +155,9 @@ impl Simulator {
     fn set_state(&self, py: Python<'_>, state: &Bound<'_, PyAny>) -> PyResult<()> {
         let parts: Vec<Bound<'_, PyAny>> = state.try_iter()?.collect::<PyResult<_>>()?;
         let [t, q, v] = &parts[..] else {
-            return Err(PyAttributeError::new_err("`state` takes three values: t, q, v"));
+            let message = format!("`state` has {} parts, but three are required: t, q, v", parts.len());
+            let required = "(t, q, v)".into();
+            return Err(argument_error(py, "state", Field::Index(parts.len()), required, &message, None));
         };
         let t: f64 = t.extract()?;
         check_time(py, "t", t)?;

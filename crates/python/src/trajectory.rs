@@ -49,11 +49,11 @@ impl RunError {
 /// ``approximated``: joint limits that were passed, what the plan left out, what was simplified; lists of text.
 #[pyclass(frozen, get_all, module = "phipsi")]
 pub struct Trajectory {
-    /// Times.
+    /// Times, s; (n,).
     pub t: Py<PyArrayDyn<f64>>,
-    /// Configurations.
+    /// Configurations; (n, nq).
     pub q: Py<PyArrayDyn<f64>>,
-    /// Velocities.
+    /// Velocities; (n, nv).
     pub v: Py<PyArrayDyn<f64>>,
     /// Kinetic plus potential energy.
     pub energy: Py<PyArrayDyn<f64>>,
@@ -63,7 +63,7 @@ pub struct Trajectory {
     pub potential_energy: Py<PyArrayDyn<f64>>,
     /// Work of forces without a potential.
     pub work: Py<PyArrayDyn<f64>>,
-    /// Momentum.
+    /// Momentum: angular about the center of mass, linear; (n, 6).
     pub momentum: Py<PyArrayDyn<f64>>,
     /// How wrong the end is.
     pub error: Py<RunError>,

@@ -50,7 +50,16 @@ _OURS_V = {"spherical": 3, "floating": 6, "planar": 3, "translation": 3, "univer
 
 def _rotation(quaternion: Array) -> Array:
     """Rotation matrices (…, 3, 3), body to world, of quaternions x y z w of any length but zero."""
-    x, y, z, w = np.moveaxis(quaternion, -1, 0) / np.linalg.norm(quaternion, axis=-1)
+    x, y, z, w = np.moveaxis(quaternion, -1, 0)
+    length = np.sqrt(x * x + y * y + z * z + w * w)
+    if np.any(length == 0):
+        raise NumericalError(
+            "`q`: a quaternion of a free joint has length 0; the identity is x y z w = 0 0 0 1",
+            quantity="length of the quaternion",
+            found=0.0,
+            required="a positive number",
+        )
+    x, y, z, w = x / length, y / length, z / length, w / length
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
@@ -60,7 +69,9 @@ def _rotation(quaternion: Array) -> Array:
 
 
 def _turn(rotation: Array, vector: Array) -> Array:
-    return np.einsum("...ij,...j->...i", rotation, vector)
+    # Term by term, so that a state's result does not depend on its batch.
+    x, y, z = (vector[..., i, None] for i in range(3))
+    return rotation[..., 0] * x + rotation[..., 1] * y + rotation[..., 2] * z
 
 
 def _read(name: str, value: ArrayLike, size: int) -> Array:
@@ -256,8 +267,8 @@ class _Layout:
         """Their configuration (…, nq) of ours (…, m.nq); errors as ``q_in``.
 
         >>> m = phipsi.Model.from_urdf("arm.urdf")
-        >>> phipsi.interop.Pinocchio(m, ["elbow", "shoulder"]).q_out([0.1, 0.2])
-        array([0.2, 0.1])
+        >>> phipsi.interop.Pinocchio(m, ["elbow", "shoulder"]).q_out([0.0, 0.2])
+        array([0.2, 1. , 0. ])
         """
         return self._map_q(q, False)
 
@@ -334,7 +345,7 @@ class Pinocchio(_Layout):
 
     >>> m = phipsi.Model.from_urdf("arm.urdf", base="free")
     >>> phipsi.interop.Pinocchio(m, ["universe", "root_joint", "shoulder", "elbow"]).nq
-    9
+    10
     """
 
     _program = "Pinocchio"
