@@ -103,6 +103,8 @@ pub(crate) fn smooth<T: Scalar>(
 pub struct ArticulatedSweep<T> {
     pub(crate) hinge: Vec<Transform<T>>,
     pub(crate) pivots: Vec<Pivot<T>>,
+    /// P⁺ of every body, in its own frame.
+    inertia: Vec<ArticulatedInertia<T>>,
 }
 
 impl<T: Scalar> ArticulatedSweep<T> {
@@ -113,19 +115,36 @@ impl<T: Scalar> ArticulatedSweep<T> {
     pub fn new(layout: &Layout<T::Constant>, q: &[T]) -> Result<Self, DynamicsError> {
         layout.check_tree()?;
         check_length("q", q, layout.nq())?;
-        let hinge: Vec<_> =
-            layout.bodies.iter().map(|b| b.hinge.transform(&b.placement, &q[b.q..])).collect();
-        let mut P: Vec<_> =
-            layout.bodies.iter().map(|b| RigidInertia::constant(&b.inertia).to_articulated()).collect();
-        let mut pivots = vec![Pivot::empty(); layout.nv()];
+        let mut sweep = ArticulatedSweep {
+            hinge: vec![Transform::identity(); layout.len()],
+            pivots: vec![Pivot::empty(); layout.nv()],
+            inertia: vec![ArticulatedInertia::zero(); layout.len()],
+        };
+        sweep.update(layout, q)?;
+        Ok(sweep)
+    }
+    /// Factors M at another configuration of the same layout, without allocation. After an error there are no factors.
+    ///
+    /// # Errors
+    /// As [`ArticulatedSweep::new`].
+    pub fn update(&mut self, layout: &Layout<T::Constant>, q: &[T]) -> Result<(), DynamicsError> {
+        check_length("q", q, layout.nq())?;
+        check_length("sweep", &self.hinge, layout.len())?;
+        for (k, body) in layout.bodies.iter().enumerate() {
+            self.hinge[k] = body.hinge.transform(&body.placement, &q[body.q..]);
+            self.inertia[k] = RigidInertia::constant(&body.inertia).to_articulated();
+        }
         for (k, body) in layout.bodies.iter().enumerate().rev() {
-            eliminate(&body.hinge, &mut P[k], &mut pivots[body.v..body.v + body.hinge.nv()])
+            let mut P = self.inertia[k];
+            eliminate(&body.hinge, &mut P, &mut self.pivots[body.v..body.v + body.hinge.nv()])
                 .map_err(|(i, D)| layout.singular(body.v + i, D))?;
+            self.inertia[k] = P;
             if body.parent != GROUND {
-                P[body.parent] = P[body.parent] + hinge[k].articulated_to_parent(&P[k]);
+                self.inertia[body.parent] =
+                    self.inertia[body.parent] + self.hinge[k].articulated_to_parent(&P);
             }
         }
-        Ok(ArticulatedSweep { hinge, pivots })
+        Ok(())
     }
     /// ln det M = Σ ln D. `ln` is taken in f64.
     pub fn log_determinant(&self) -> f64
@@ -151,6 +170,48 @@ impl<T: Scalar> ArticulatedSweep<T> {
                 z[body.parent] += self.hinge[k].wrench_to_parent(force);
             }
         }
+        self.sweep_outboard(layout, x, alpha);
+    }
+    /// x ← M^(−½) x with M^(−½) = (I − HψK)* D^(−½), so that M^(−½) M^(−*½) = M⁻¹: one smoother sweep. Deviates of unit
+    /// covariance become velocities of covariance M⁻¹, the equipartition of soa.md 3.8. `x`: nv. Cost O(n), no allocation.
+    pub fn multiply_by_inverse_square_root(
+        &self,
+        layout: &Layout<T::Constant>,
+        x: &mut [T],
+        workspace: &mut SolveWorkspace<T>,
+    ) {
+        for (x, pivot) in x.iter_mut().zip(&self.pivots) {
+            *x = *x * pivot.inverse.sqrt();
+        }
+        self.sweep_outboard(layout, x, &mut workspace.alpha);
+    }
+    /// x ← M^½ x with M^½ = (I + HφK) D^½, so that M^½ M^*½ = M: one inward sweep. Deviates of unit covariance become
+    /// momenta of covariance M. `x`: nv. Cost O(n), no allocation.
+    pub fn multiply_by_square_root(
+        &self,
+        layout: &Layout<T::Constant>,
+        x: &mut [T],
+        workspace: &mut SolveWorkspace<T>,
+    ) {
+        let z = &mut workspace.z;
+        z.iter_mut().for_each(|z| *z = Wrench::zero());
+        for (k, body) in layout.bodies.iter().enumerate().rev() {
+            let mut force = z[k];
+            for i in 0..body.hinge.nv() {
+                let pivot = &self.pivots[body.v + i];
+                // e = D^½ x, D⁻¹ e = D^(−½) x.
+                let nu = x[body.v + i] * pivot.inverse.sqrt();
+                x[body.v + i] = nu / pivot.inverse + body.hinge.project(i, &force);
+                force += pivot.column.scale(nu);
+            }
+            if body.parent != GROUND {
+                z[body.parent] += self.hinge[k].wrench_to_parent(force);
+            }
+        }
+    }
+
+    /// Smoother sweep from a ground at rest: `x` holds ν before and θ̈ after.
+    fn sweep_outboard(&self, layout: &Layout<T::Constant>, x: &mut [T], alpha: &mut [Motion<T>]) {
         for (k, body) in layout.bodies.iter().enumerate() {
             let dofs = body.v..body.v + body.hinge.nv();
             alpha[k] = if body.parent == GROUND {
@@ -163,7 +224,7 @@ impl<T: Scalar> ArticulatedSweep<T> {
     }
 }
 
-/// Scratch of [`ArticulatedSweep::solve_in_place`].
+/// Scratch of the products of [`ArticulatedSweep`].
 #[derive(Clone, Debug)]
 pub struct SolveWorkspace<T> {
     z: Vec<Wrench<T>>,

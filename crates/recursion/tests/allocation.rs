@@ -27,7 +27,7 @@ fn kernels_do_not_allocate() {
         let mut forward = ForwardDynamics::new(&layout);
         let mut inverse = InverseDynamics::new(&layout);
         let mut kinematics = Kinematics::new(&layout);
-        let sweep = ArticulatedSweep::new(&layout, q).unwrap();
+        let mut sweep = ArticulatedSweep::new(&layout, q).unwrap();
         let mut workspace = SolveWorkspace::new(&layout);
         assert_none("forward dynamics", seed, || {
             forward.run(&layout, q, v, &case.tau, wrenches, &mut out).unwrap();
@@ -35,7 +35,12 @@ fn kernels_do_not_allocate() {
         assert_none("inverse dynamics", seed, || {
             inverse.run(&layout, q, v, &case.a, wrenches, &mut out).unwrap();
         });
+        assert_none("factors", seed, || sweep.update(&layout, q).unwrap());
         assert_none("solve", seed, || sweep.solve_in_place(&layout, &mut out, &mut workspace));
+        assert_none("square roots", seed, || {
+            sweep.multiply_by_square_root(&layout, &mut out, &mut workspace);
+            sweep.multiply_by_inverse_square_root(&layout, &mut out, &mut workspace);
+        });
         assert_none("kinematics", seed, || {
             kinematics.set_position(&layout, q).unwrap();
             kinematics.set_velocity(&layout, v).unwrap();

@@ -4,9 +4,11 @@ mod common;
 
 use common::{FACTOR, growth, seeds, steps};
 use phipsi_model::{Body, Inertia, Joint, JointKind, ModelBuilder, Placement};
+use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{
-    About, Kinematics, Layout, bias_forces, forward_dynamics, forward_info, inverse_dynamics, kinetic_energy,
-    mass_matrix, mass_matrix_inverse, momentum, multiply_by_mass_matrix, potential_energy,
+    About, ArticulatedSweep, Kinematics, Layout, bias_forces, forward_dynamics, forward_info,
+    inverse_dynamics, kinetic_energy, mass_matrix, mass_matrix_inverse, momentum, multiply_by_mass_matrix,
+    potential_energy,
 };
 use phipsi_reference::generate::{Case, case, rebuilt};
 use phipsi_reference::sensitivity::widened;
@@ -53,6 +55,41 @@ fn mass_matrix_times_its_inverse_is_one() {
             let budget: Vec<f64> = terms.iter().map(|t| allowed * (t + 1.0)).collect();
             assert_within("M M⁻¹", seed, &product, &one, &budget);
         }
+    }
+}
+
+/// M^½ M^*½ = M and M^(−½) M^(−*½) = M⁻¹ column by column, so that unit deviates get exactly these covariances.
+#[test]
+fn square_roots_have_the_covariances_of_the_mass_matrix() {
+    for seed in seeds(CASES) {
+        let case = case(seed);
+        let layout = Layout::<f64>::new(&case.model);
+        let nv = case.model.nv();
+        let sweep = ArticulatedSweep::new(&layout, &case.q).unwrap();
+        let mut workspace = SolveWorkspace::new(&layout);
+        let (mut covariance, mut inverse_covariance) = (vec![0.0; nv * nv], vec![0.0; nv * nv]);
+        for j in 0..nv {
+            let mut unit_vector = vec![0.0; nv];
+            unit_vector[j] = 1.0;
+            let mut momenta = unit_vector.clone();
+            sweep.multiply_by_square_root(&layout, &mut momenta, &mut workspace);
+            let mut velocities = unit_vector;
+            sweep.multiply_by_inverse_square_root(&layout, &mut velocities, &mut workspace);
+            for i in 0..nv * nv {
+                covariance[i] += momenta[i / nv] * momenta[i % nv];
+                inverse_covariance[i] += velocities[i / nv] * velocities[i % nv];
+            }
+        }
+        // Entries of a covariance round in proportion to the deviations of their two components.
+        let budget = |c: &[f64], allowed: f64| -> Vec<f64> {
+            (0..nv * nv).map(|i| allowed * (c[(i / nv) * (nv + 1)] * c[(i % nv) * (nv + 1)]).sqrt()).collect()
+        };
+        let (m, inverse) =
+            (mass_matrix(&layout, &case.q).unwrap(), mass_matrix_inverse(&layout, &case.q).unwrap());
+        let allowed = unit(&case) * growth(&case);
+        assert_within("covariance of momenta", seed, &covariance, &m, &budget(&m, allowed));
+        let inverse_budget = budget(&inverse, allowed);
+        assert_within("covariance of velocities", seed, &inverse_covariance, &inverse, &inverse_budget);
     }
 }
 
