@@ -181,7 +181,7 @@ impl<T: Scalar> ArticulatedSweep<T> {
         workspace: &mut SolveWorkspace<T>,
     ) {
         for (x, pivot) in x.iter_mut().zip(&self.pivots) {
-            *x = *x * pivot.inverse.sqrt();
+            *x *= pivot.inverse.sqrt();
         }
         self.sweep_outboard(layout, x, &mut workspace.alpha);
     }
