@@ -1,0 +1,34 @@
+//! Torsions of Ryckaert and Bellemans: E = Σ Cₙ cosⁿ ψ, ψ = φ − π, so that ψ = 0 for trans.
+
+use super::geometry::{push_torsion, torsion};
+use phipsi_formats::system::RbTorsion;
+use phipsi_spatial::Vec3;
+
+#[derive(Clone, Debug)]
+pub(super) struct RbTorsions {
+    torsions: Vec<RbTorsion>,
+}
+
+impl RbTorsions {
+    pub(super) fn new(torsions: &[RbTorsion]) -> Self {
+        RbTorsions { torsions: torsions.to_vec() }
+    }
+
+    pub(super) fn evaluate(&mut self, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
+        let mut energy = 0.0;
+        for entry in &self.torsions {
+            let (phi, gradients) = torsion(x, entry.atoms);
+            let (sin, cos) = phi.sin_cos();
+            let (sin_psi, cos_psi) = (-sin, -cos);
+            // Horner's scheme for the polynomial in cos ψ and its derivative.
+            let (mut value, mut derivative) = (0.0, 0.0);
+            for c in entry.coefficients.iter().rev() {
+                derivative = derivative * cos_psi + value;
+                value = value * cos_psi + c;
+            }
+            energy += value;
+            push_torsion(forces, entry.atoms, -sin_psi * derivative, gradients);
+        }
+        energy
+    }
+}

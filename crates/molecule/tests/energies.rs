@@ -1,0 +1,303 @@
+//! Energies and forces of every term against OpenMM's Reference platform, and forces against differences of energies.
+//!
+//! `PHIPSI_MOLECULES` names another folder of molecules, each in a folder of its own: `NAME.ENVIRONMENT.xml[.gz]` and
+//! `NAME.ref.json[.gz]`.
+
+use allocation_counter::measure;
+use flate2::read::GzDecoder;
+use phipsi_formats::system::{System, SystemOptions, read_system};
+use phipsi_molecule::{ForceField, Potential};
+use phipsi_spatial::Vec3;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+type V = Vec3<f64>;
+
+/// What was computed from the same structures in the reference data.
+const ENVIRONMENTS: [&str; 4] = ["vacuum", "obc2", "obc2_native", "charmm36"];
+
+/// Largest difference of an energy over Σ|terms|, and of a force over the largest force: 4500 ε.
+///
+/// Sums of n numbers in another order differ by √n ε of their absolute sum, n up to 4·10⁵ pairs, whose repulsion and
+/// attraction cancel by up to 10 within one term; r⁻¹³ multiplies the rounding of a distance by 13.
+const BAR: f64 = 1e-12;
+
+fn data() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../validation/data/molecules")
+}
+
+/// The text of a file, gunzipped where its name ends in gz.
+fn text(path: &Path) -> String {
+    let mut text = String::new();
+    let file = std::fs::File::open(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    if path.extension().is_some_and(|e| e == "gz") {
+        GzDecoder::new(file).read_to_string(&mut text).unwrap();
+    } else {
+        std::io::BufReader::new(file).read_to_string(&mut text).unwrap();
+    }
+    text
+}
+
+/// The file, or the same with `.gz`.
+fn either(path: PathBuf) -> Option<PathBuf> {
+    let zipped = PathBuf::from(format!("{}.gz", path.display()));
+    [path, zipped].into_iter().find(|path| path.exists())
+}
+
+fn system(path: &Path) -> System {
+    let read = read_system(&text(path), &path.display().to_string(), &SystemOptions::default());
+    read.into_result(true).unwrap_or_else(|report| panic!("{report}")).0
+}
+
+fn vectors(value: &Value) -> Vec<V> {
+    let number = |x: &Value| x.as_f64().expect("a number");
+    let row = |row: &Value| Vec3([0, 1, 2].map(|i| number(&row[i])));
+    value.as_array().expect("an array").iter().map(row).collect()
+}
+
+fn largest(forces: &[V]) -> f64 {
+    forces.iter().flat_map(|f| f.0).fold(0.0, |most, x| most.max(x.abs()))
+}
+
+fn largest_difference(a: &[V], b: &[V]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| largest(&[*a - *b])).fold(0.0, f64::max)
+}
+
+/// The worst figures of an environment, each with its place.
+#[derive(Default)]
+struct Worst {
+    cases: usize,
+    energy: (f64, String),
+    term: (f64, String),
+    force: (f64, String),
+    cancelling_force: (f64, String),
+    term_force: (f64, String),
+}
+
+fn note(worst: &mut (f64, String), value: f64, place: impl Fn() -> String) {
+    if value.is_nan() || value > worst.0 || worst.1.is_empty() {
+        *worst = (value, place());
+    }
+}
+
+/// Compares one conformation.
+fn compare(field: &mut ForceField, case: &Value, positions: &[V], place: &str, worst: &mut Worst) {
+    let (n, count) = (positions.len(), field.terms().len());
+    let (mut energies, mut forces) = (vec![0.0; count], vec![Vec3([f64::NAN; 3]); n]);
+    field.evaluate(positions, &mut energies, &mut forces).unwrap_or_else(|e| panic!("{place}: {e}"));
+    let reference = case["energy"].as_object().expect("energies");
+    assert_eq!(reference.len(), count + 1, "{place}: {:?}", field.terms());
+    let energy =
+        |name: &str| reference.get(name).and_then(Value::as_f64).unwrap_or_else(|| panic!("{place}: {name}"));
+    let scale: f64 = field.terms().iter().map(|name| energy(name).abs()).sum();
+    for (name, value) in field.terms().iter().zip(&energies) {
+        note(&mut worst.term, (value - energy(name)).abs() / scale, || format!("{place} {name}"));
+    }
+    let total: f64 = energies.iter().sum();
+    note(&mut worst.energy, (total - energy("total")).abs() / scale, || place.into());
+    let expected = vectors(&case["forces"]);
+    let difference = largest_difference(&forces, &expected);
+    let mut largest_of_term: f64 = 0.0;
+    for (term, name) in field.terms().to_vec().iter().enumerate() {
+        let mut forces = vec![Vec3([0.0; 3]); n];
+        field.evaluate_term(term, positions, &mut forces).unwrap();
+        let most = largest(&forces);
+        largest_of_term = largest_of_term.max(most);
+        if let Some(expected) = case["group_forces"].get(name) {
+            let difference = largest_difference(&forces, &vectors(expected));
+            note(&mut worst.term_force, difference / most, || format!("{place} {name}"));
+        }
+    }
+    // In a minimum the forces of the terms cancel: what is left is not better than the rounding of each.
+    let minimum = place.contains("\"min\"");
+    let worst_force = if minimum { &mut worst.cancelling_force } else { &mut worst.force };
+    let scale = if minimum { largest_of_term } else { largest(&expected) };
+    note(worst_force, difference / scale, || place.into());
+    worst.cases += 1;
+}
+
+#[test]
+fn molecules_agree_with_openmm() {
+    let folder = std::env::var_os("PHIPSI_MOLECULES").map_or_else(data, PathBuf::from);
+    let mut worst: BTreeMap<&str, Worst> = BTreeMap::new();
+    let mut names: Vec<_> =
+        std::fs::read_dir(&folder).expect("the folder").map(|e| e.unwrap().path()).collect();
+    names.sort();
+    for path in names.iter().filter(|path| path.is_dir()) {
+        let name = path.file_name().unwrap().to_string_lossy();
+        let Some(reference) = either(path.join(format!("{name}.ref.json"))) else { continue };
+        let reference: Value = serde_json::from_str(&text(&reference)).unwrap();
+        for environment in ENVIRONMENTS {
+            let Some(xml) = either(path.join(format!("{name}.{environment}.xml"))) else { continue };
+            let system = system(&xml);
+            let mut field = ForceField::new(&system).unwrap();
+            for conformation in reference["conformations"].as_array().expect("conformations") {
+                let place = format!("{name} {} {environment}", conformation["id"]);
+                let positions = vectors(&conformation["positions"]);
+                let case = &conformation[environment];
+                compare(&mut field, case, &positions, &place, worst.entry(environment).or_default());
+            }
+        }
+    }
+    for environment in ENVIRONMENTS {
+        let worst =
+            worst.get(environment).unwrap_or_else(|| panic!("no {environment} in {}", folder.display()));
+        for (what, (value, place)) in [
+            ("total energy", &worst.energy),
+            ("energy of a term", &worst.term),
+            ("force", &worst.force),
+            ("force in minima", &worst.cancelling_force),
+            ("force of a term", &worst.term_force),
+        ] {
+            // Forces of single terms are not given for every environment.
+            if place.is_empty() {
+                continue;
+            }
+            println!("{environment:11} {:4} cases: {what:16} {value:.1e} ({place})", worst.cases);
+            assert!(*value <= BAR, "{environment}: {what}: {value:e} > {BAR:e} ({place})");
+        }
+        assert!(worst.cases > 0 && !worst.energy.1.is_empty() && !worst.force.1.is_empty());
+    }
+}
+
+/// Positions, and energies and forces of the terms.
+type Conformation = (Vec<V>, Value);
+
+/// Every kind of force and every feature of it: `make.py` beside the data writes them with OpenMM.
+fn every_force() -> Vec<(String, System, Vec<Conformation>)> {
+    ["bonded", "pairs", "implicit"]
+        .map(|name| {
+            let folder = data().join("every_force");
+            let reference = text(&folder.join(format!("{name}.ref.json.gz")));
+            let reference: Value = serde_json::from_str(&reference).unwrap();
+            let conformations = reference["conformations"].as_array().unwrap().iter();
+            let conformations =
+                conformations.map(|c| (vectors(&c["positions"]), c["terms"].clone())).collect();
+            (name.to_string(), system(&folder.join(format!("{name}.xml.gz"))), conformations)
+        })
+        .into()
+}
+
+#[test]
+fn every_force_agrees_with_openmm() {
+    for (name, system, conformations) in every_force() {
+        let mut field = ForceField::new(&system).unwrap();
+        for (k, (positions, terms)) in conformations.iter().enumerate() {
+            let expected = terms.as_object().unwrap();
+            assert_eq!(field.terms().len(), expected.len(), "{:?}", field.terms());
+            for term in 0..field.terms().len() {
+                let place = format!("{name} {k} {}", field.terms()[term]);
+                let expected = &expected[&field.terms()[term]];
+                let mut forces = vec![Vec3([0.0; 3]); positions.len()];
+                let energy = field.evaluate_term(term, positions, &mut forces).unwrap();
+                let expected_forces = vectors(&expected["forces"]);
+                let expected = expected["energy"].as_f64().unwrap();
+                let difference = largest_difference(&forces, &expected_forces) / largest(&expected_forces);
+                // At most 36 pairs, whose energies cancel by less than 10².
+                let relative = (energy - expected).abs() / expected.abs();
+                assert!(relative <= BAR, "{place}: {energy} {expected}");
+                assert!(difference <= BAR, "{place}: {difference:e}");
+            }
+        }
+    }
+}
+
+/// −∂E/∂x of every term by central differences, which know nothing of the gradients in the code.
+#[test]
+fn forces_are_slopes_of_energies() {
+    for (name, system, conformations) in every_force() {
+        let mut field = ForceField::new(&system).unwrap();
+        let positions = &conformations[0].0;
+        let n = positions.len();
+        for term in 0..field.terms().len() {
+            let place = format!("{name} {}", field.terms()[term]);
+            let mut forces = vec![Vec3([0.0; 3]); n];
+            let energy = field.evaluate_term(term, positions, &mut forces).unwrap();
+            let mut energy_at = |atom: usize, axis: usize, h: f64| {
+                let mut moved = positions.clone();
+                moved[atom].0[axis] += h;
+                field.evaluate_term(term, &moved, &mut vec![Vec3([0.0; 3]); n]).unwrap()
+            };
+            // Richardson: an error of h⁶ f⁽⁷⁾, with lengths of 0.1 nm over which the energies change by their size, and
+            // of ε |E|/h of rounding. A spline's third derivative jumps: no better than h² f⁽³⁾ where a node is near.
+            let (h, splines) = (2e-4, name == "pairs" || place.ends_with("CMAPTorsionForce"));
+            let bar =
+                if splines { 1e-5 } else { 1e-8 } * largest(&forces) + 30.0 * f64::EPSILON * energy.abs() / h;
+            let mut worst: f64 = 0.0;
+            for atom in 0..n {
+                for axis in 0..3 {
+                    let slope = |e: &mut dyn FnMut(usize, usize, f64) -> f64, h: f64| {
+                        (e(atom, axis, h) - e(atom, axis, -h)) / (2.0 * h)
+                    };
+                    let [d1, d2, d4] = [1.0, 2.0, 4.0].map(|k| slope(&mut energy_at, k * h));
+                    let (once, twice) = ((4.0 * d1 - d2) / 3.0, (4.0 * d2 - d4) / 3.0);
+                    let difference = (16.0 * once - twice) / 15.0 + forces[atom].0[axis];
+                    worst = worst.max(difference.abs());
+                }
+            }
+            assert!(worst <= bar, "{place}: {worst:e} > {bar:e}");
+        }
+    }
+}
+
+#[test]
+fn forces_have_no_sum_and_no_moment() {
+    for (name, system, conformations) in every_force() {
+        let mut field = ForceField::new(&system).unwrap();
+        for (positions, _) in &conformations {
+            for term in 0..field.terms().len() {
+                let mut forces = vec![Vec3([0.0; 3]); positions.len()];
+                field.evaluate_term(term, positions, &mut forces).unwrap();
+                let (mut sum, mut moment) = (Vec3([0.0; 3]), Vec3([0.0; 3]));
+                for (x, f) in positions.iter().zip(&forces) {
+                    sum += *f;
+                    moment += x.cross(*f);
+                }
+                // 36 pairs or 20 entries, each of which is rounded once per atom.
+                let bar = 200.0 * f64::EPSILON * largest(&forces);
+                let place = || format!("{name} {}", field.terms()[term]);
+                assert!(
+                    largest(&[sum]) <= bar && largest(&[moment]) <= bar,
+                    "{}: {sum:?} {moment:?}",
+                    place()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_not_finite_is_an_error_with_its_atoms() {
+    let (_, system, conformations) = every_force().swap_remove(1);
+    let mut field = ForceField::new(&system).unwrap();
+    let positions = &conformations[0].0;
+    let (mut energies, mut forces) = (vec![0.0; field.terms().len()], vec![Vec3([0.0; 3]); positions.len()]);
+    let mut moved = positions.clone();
+    moved[4] = moved[7];
+    let error = field.evaluate(&moved, &mut energies, &mut forces).unwrap_err();
+    assert_eq!((error.term.as_str(), &error.atoms[..]), ("NonbondedForce", &[4usize, 7][..]));
+    assert!(error.message.contains("4 and 7, are 0 nm apart"), "{error}");
+    moved[3].0[1] = f64::NAN;
+    let error = field.evaluate(&moved, &mut energies, &mut forces).unwrap_err();
+    assert_eq!((error.term.as_str(), &error.atoms[..]), ("positions", &[3usize][..]));
+    let error = field.evaluate(&positions[1..], &mut energies, &mut forces).unwrap_err();
+    assert!(error.message.contains("8 positions") && error.message.contains("required: 9"), "{error}");
+    field.evaluate(positions, &mut energies, &mut forces).unwrap();
+    assert!(energies.iter().all(|energy| energy.is_finite()));
+}
+
+#[test]
+fn nothing_is_allocated_in_an_evaluation() {
+    assert_eq!(measure(|| drop(vec![0u8; 8])).count_total, 1);
+    for (name, system, conformations) in every_force() {
+        let mut field = ForceField::new(&system).unwrap();
+        let positions = &conformations[0].0;
+        let (mut energies, mut forces) =
+            (vec![0.0; field.terms().len()], vec![Vec3([0.0; 3]); positions.len()]);
+        let counted = measure(|| field.evaluate(positions, &mut energies, &mut forces).unwrap());
+        assert_eq!(counted.count_total, 0, "{name}: {counted:?}");
+    }
+}
