@@ -1,14 +1,29 @@
 from collections.abc import Callable
 from os import PathLike
-from typing import Literal, overload
+from typing import Literal, final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .state import State
 
+__all__ = [
+    "ForwardInfo",
+    "Model",
+    "Note",
+    "Problem",
+    "Report",
+    "RunError",
+    "Simulator",
+    "Trajectory",
+    "WorstHinge",
+    "__version__",
+    "simulate",
+]
+
 __version__: str
 
+@final
 class Note:
     @property
     def line(self) -> int | None: ...
@@ -17,6 +32,7 @@ class Note:
     @property
     def what(self) -> str: ...
 
+@final
 class Problem:
     @property
     def line(self) -> int | None: ...
@@ -29,6 +45,7 @@ class Problem:
     @property
     def remedy(self) -> str: ...
 
+@final
 class Report:
     @property
     def source(self) -> str: ...
@@ -43,6 +60,7 @@ class Report:
     @property
     def errors(self) -> list[Problem]: ...
 
+@final
 class WorstHinge:
     @property
     def joint(self) -> str: ...
@@ -53,12 +71,14 @@ class WorstHinge:
     @property
     def state(self) -> tuple[int, ...] | None: ...
 
+@final
 class ForwardInfo:
     @property
     def backward_error(self) -> float | NDArray[np.float64]: ...
     @property
     def worst_hinge(self) -> WorstHinge | None: ...
 
+@final
 class Model:
     @staticmethod
     def from_urdf(
@@ -143,6 +163,7 @@ class Model:
     def momentum(self, q: ArrayLike, v: ArrayLike, about: ArrayLike | None = None) -> NDArray[np.float64]: ...
     def centroidal_momentum_matrix(self, q: ArrayLike) -> NDArray[np.float64]: ...
 
+@final
 class RunError:
     @property
     def q(self) -> float | None: ...
@@ -157,6 +178,7 @@ class RunError:
     @property
     def momentum_error(self) -> dict[str, float] | None: ...
 
+@final
 class Trajectory:
     @property
     def t(self) -> NDArray[np.float64]: ...
@@ -195,6 +217,7 @@ class Trajectory:
     @property
     def approximated(self) -> list[str]: ...
 
+@final
 class Simulator:
     def __new__(
         cls,
