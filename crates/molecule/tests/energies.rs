@@ -108,7 +108,9 @@ fn compare(field: &mut ForceField, case: &Value, positions: &[V], place: &str, w
         largest_of_term = largest_of_term.max(most);
         if let Some(expected) = case["group_forces"].get(name) {
             let difference = largest_difference(&forces, &vectors(expected));
-            note(&mut worst.term_force, difference / most, || format!("{place} {name}"));
+            // A map that no torsion uses has no forces.
+            let relative = if most == 0.0 { difference } else { difference / most };
+            note(&mut worst.term_force, relative, || format!("{place} {name}"));
         }
     }
     // In a minimum the forces of the terms cancel: what is left is not better than the rounding of each.
