@@ -106,7 +106,7 @@ pub(super) fn nonbonded(
         }
     }
     let constants = global_parameters(reader, global, place, globals);
-    let tables = tables(reader, functions, place);
+    let tables = tables(reader, functions, place)?;
     let parameter_names = parameter_names(reader, parameters, place, &["r"])?;
     let variables = pair_variables(&parameter_names, &[]);
     let variables: Vec<&str> = variables.iter().map(String::as_str).collect();
@@ -139,7 +139,7 @@ pub(super) fn gb(
     let [parameters, computed, terms, particles, exclusions, global, derivatives, functions] = lists;
     ignore_derivatives(reader, derivatives, place);
     let constants = global_parameters(reader, global, place, globals);
-    let tables = tables(reader, functions, place);
+    let tables = tables(reader, functions, place)?;
     let parameter_names = parameter_names(reader, parameters, place, &["r"])?;
     let mut values: Vec<GbValue> = Vec::new();
     for entry in reader.entries(computed, place, "Value", "computed value") {
@@ -314,7 +314,9 @@ fn pairs(reader: &mut Reader, list: Option<Node<'_, '_>>, place: &str, n: usize)
     pairs
 }
 
-fn tables(reader: &mut Reader, list: Option<Node<'_, '_>>, place: &str) -> Vec<Arc<Table>> {
+/// `None` where one has an error: every formula that calls it would have another.
+fn tables(reader: &mut Reader, list: Option<Node<'_, '_>>, place: &str) -> Option<Vec<Arc<Table>>> {
+    let errors = reader.count;
     let mut tables: Vec<Arc<Table>> = Vec::new();
     for entry in reader.entries(list, place, "Function", "function") {
         if let Some(table) = table(reader, &entry, place) {
@@ -324,7 +326,7 @@ fn tables(reader: &mut Reader, list: Option<Node<'_, '_>>, place: &str) -> Vec<A
             tables.push(Arc::new(table));
         }
     }
-    tables
+    (reader.count == errors).then_some(tables)
 }
 
 fn table(reader: &mut Reader, entry: &Entry<'_, '_>, place: &str) -> Option<Table> {
