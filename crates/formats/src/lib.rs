@@ -20,6 +20,7 @@
 //! # Ok::<(), Box<phipsi_formats::Report>>(())
 //! ```
 
+pub mod dcd;
 pub mod expression;
 mod file;
 mod joint_kind;

@@ -11,8 +11,9 @@
 //! | `<origin quat_xyzw>` | the orientation instead of `rpy` |
 //! | `<limit>`, revolute and prismatic | required by URDF; a warning where it or a part of it is missing, and no limit then |
 //! | `<limit>` of a joint that has more than one degree of freedom or none | ignored |
-//! | `<mimic>` | a [`Coupling`](phipsi_model::Coupling), or dropped: [`Mimic`] |
+//! | `<mimic>` | a [`Coupling`], or dropped: [`Mimic`] |
 //! | root link called `world` | the inertial frame |
+//! | templates of xacro: its elements, `${…}` | refused |
 //!
 //! URDF has no words for some joints. These types are an extension, and noted as used in the report:
 //!

@@ -448,3 +448,29 @@ proptest! {
 fn same(a: f64, b: f64) -> bool {
     a == b || (a.is_nan() && b.is_nan())
 }
+
+/// Values and slopes by OpenMM's own parser, of expressions written without the parentheses that would hide how operators
+/// bind; the file says how it was made.
+#[test]
+fn values_and_slopes_are_those_of_openmm() {
+    const FILE: &str =
+        include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../validation/data/expressions/openmm.txt"));
+    // Two programs round some twenty operations each; the scales hold how the result takes changes of its inputs.
+    const BUDGET: f64 = 64.0 * f64::EPSILON;
+    let numbers = |text: &str| -> Vec<f64> {
+        text.split_whitespace().map(|word| word.parse().expect("a number")).collect()
+    };
+    let lines: Vec<&str> = FILE.lines().filter(|line| !line.starts_with('#')).collect();
+    assert!(lines.len() > 200);
+    for line in lines {
+        let parts: Vec<&str> = line.split(" | ").collect();
+        let [text, at, value, slopes, scale, slope_scale] = parts[..] else { panic!("{line}") };
+        let (f, at) = (parse(text), numbers(at));
+        let error = (f.value(&at) - numbers(value)[0]).abs();
+        assert!(error <= BUDGET * numbers(scale)[0], "{line}: {error:e}");
+        for (name, expected) in XYZ.iter().zip(numbers(slopes)) {
+            let error = (f.derivative(name).value(&at) - expected).abs();
+            assert!(error <= BUDGET * numbers(slope_scale)[0].max(1.0), "{line}: d/d{name} {error:e}");
+        }
+    }
+}
