@@ -23,7 +23,7 @@ fn half_cotangent(theta2: f64) -> f64 {
 }
 
 /// A and B of a rigid motion.
-fn rigid_coefficients(theta2: f64) -> (f64, f64) {
+pub(crate) fn rigid_coefficients(theta2: f64) -> (f64, f64) {
     if theta2 < SMALL * SMALL {
         return (1.0 / 12.0 - theta2 * theta2 / 30240.0, -1.0 / 720.0 - theta2 / 15120.0);
     }
