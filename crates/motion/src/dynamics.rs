@@ -4,11 +4,14 @@
 //! forces (angular about the centre of mass, linear; world axes), then each force's own.
 
 use crate::force::{Force, ForceError, Loads, Situation};
+use crate::midpoint::Conservative;
 use crate::plan::Plan;
 use crate::system::System;
 use phipsi_model::Model;
 use phipsi_recursion::layout::GROUND;
-use phipsi_recursion::{DynamicsError, ForwardDynamics, Kinematics, Layout, center_of_mass};
+use phipsi_recursion::{
+    DynamicsError, ForwardDynamics, InverseDynamics, Kinematics, Layout, center_of_mass, potential_energy,
+};
 use phipsi_spatial::{Vec3, Wrench};
 use std::fmt;
 
@@ -20,6 +23,11 @@ pub enum MotionError {
     Dynamics(DynamicsError),
     /// A force failed.
     Force(ForceError),
+    /// The midpoint method was asked for with a force that has no potential energy.
+    NotConservative {
+        /// Its name.
+        force: String,
+    },
 }
 
 impl fmt::Display for MotionError {
@@ -27,6 +35,11 @@ impl fmt::Display for MotionError {
         match self {
             MotionError::Dynamics(e) => e.fmt(f),
             MotionError::Force(e) => e.fmt(f),
+            MotionError::NotConservative { force } => write!(
+                f,
+                "force `{force}` has no potential energy, which the midpoint method requires; \
+                 use an adaptive method, or remove the force"
+            ),
         }
     }
 }
@@ -56,6 +69,8 @@ pub struct Dynamics {
     names: Vec<String>,
     kinematics: Kinematics<f64>,
     forward: ForwardDynamics<f64>,
+    inverse: InverseDynamics<f64>,
+    rest: Vec<f64>,
     tau: Vec<f64>,
     wrenches: Vec<Wrench<f64>>,
     moving_mass: f64,
@@ -97,6 +112,8 @@ impl Dynamics {
             moving_mass: moving.map(|c| c.inertia.mass).sum(),
             kinematics: Kinematics::new(&layout),
             forward: ForwardDynamics::new(&layout),
+            inverse: InverseDynamics::new(&layout),
+            rest: vec![0.0; model.nv()],
             tau: vec![0.0; model.nv()],
             wrenches: vec![Wrench::zero(); model.len()],
             model: model.clone(),
@@ -152,6 +169,24 @@ impl Dynamics {
         let (model, layout, kinematics) = (&self.model, &self.layout, Some(&self.kinematics));
         let at = Situation { model, layout, t, q, v, kinematics };
         Ok(self.forces.iter().filter(|f| f.needs().conservative).map(|f| f.potential(&at)).collect())
+    }
+
+    /// Names of the parts of potential energies that are of interest, force after force.
+    pub fn terms(&self) -> Vec<String> {
+        self.forces.iter().flat_map(|f| f.terms()).collect()
+    }
+    /// The parts of potential energies at a state, in the order of [`Dynamics::terms`].
+    ///
+    /// # Errors
+    /// [`DynamicsError::Shape`].
+    pub fn term_energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Result<Vec<f64>, DynamicsError> {
+        if self.forces.iter().all(|f| f.terms().is_empty()) {
+            return Ok(Vec::new());
+        }
+        self.place(q, v)?;
+        let (model, layout, kinematics) = (&self.model, &self.layout, Some(&self.kinematics));
+        let at = Situation { model, layout, t, q, v, kinematics };
+        Ok(self.forces.iter().flat_map(|f| f.term_energies(&at)).collect())
     }
 
     fn place(&mut self, q: &[f64], v: &[f64]) -> Result<(), DynamicsError> {
@@ -249,5 +284,39 @@ impl System for Dynamics {
         let wrenches = self.plan.wrenches.then_some(&self.wrenches[..]);
         self.forward.run(&self.layout, q, v, &self.tau, wrenches, v_dot)?;
         Ok(())
+    }
+}
+
+/// Weight and conservative forces, for the midpoint method.
+impl Conservative for Dynamics {
+    type Error = MotionError;
+
+    fn evaluate(&mut self, q: &[f64], out: &mut [f64]) -> Result<f64, MotionError> {
+        let unfit = |f: &&Box<dyn Force>| !f.needs().conservative || !f.auxiliary().is_empty();
+        if let Some(force) = self.forces.iter().find(unfit) {
+            return Err(MotionError::NotConservative { force: force.name().into() });
+        }
+        let rest = std::mem::take(&mut self.rest);
+        let result = self.evaluate_at(q, &rest, out);
+        self.rest = rest;
+        result
+    }
+}
+
+impl Dynamics {
+    fn evaluate_at(&mut self, q: &[f64], rest: &[f64], out: &mut [f64]) -> Result<f64, MotionError> {
+        self.tau.iter_mut().for_each(|x| *x = 0.0);
+        self.wrenches.iter_mut().for_each(|w| *w = Wrench::zero());
+        self.place(q, rest)?;
+        self.add_forces(true, (0.0, q, rest), &[], &mut [])?;
+        let (model, layout, kinematics) = (&self.model, &self.layout, Some(&self.kinematics));
+        let at = Situation { model, layout, t: 0.0, q, v: rest, kinematics };
+        let springs: f64 = self.forces.iter().map(|f| f.potential(&at)).sum();
+        // What holds the tree at rest against weight and wrenches is their opposite.
+        self.inverse.run(&self.layout, q, rest, rest, Some(&self.wrenches), out)?;
+        for (out, tau) in out.iter_mut().zip(&self.tau) {
+            *out = tau - *out;
+        }
+        Ok(potential_energy(&self.layout, q)? + springs)
     }
 }

@@ -110,6 +110,14 @@ pub trait Force: Send {
     fn potential(&self, _at: &Situation<'_>) -> f64 {
         0.0
     }
+    /// Names of the parts of its potential energy, where it has several that are of interest (the terms of a force field).
+    fn terms(&self) -> Vec<String> {
+        Vec::new()
+    }
+    /// The parts of its potential energy, in the order of [`Force::terms`].
+    fn term_energies(&self, _at: &Situation<'_>) -> Vec<f64> {
+        Vec::new()
+    }
     /// True unless it is known to leave the momentum of the whole system alone (a pair of opposite forces, a joint torque
     /// between two bodies).
     fn is_external(&self, _model: &Model) -> bool {

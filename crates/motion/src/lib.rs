@@ -19,6 +19,7 @@ mod midpoint_mixing;
 pub mod midpoint_momentum;
 pub mod plan;
 pub mod signal;
+pub mod stepper;
 pub mod system;
 pub mod tableau;
 
@@ -31,4 +32,5 @@ pub use midpoint::{Conservative, DriftInfo, Midpoint, MidpointError, MidpointSta
 pub use midpoint_forces::{ModelForces, ModelForcesError};
 pub use plan::Plan;
 pub use signal::Signal;
+pub use stepper::{Scheme, StepError, Stepper, StepperState};
 pub use system::System;

@@ -186,12 +186,6 @@ impl RunFolder {
     fn checkpoint(&self, watcher: &mut dyn Watcher) -> Result<Option<Checkpoint>, SimulateError> {
         let path = self.path.join("checkpoint/state.json");
         let Some(checkpoint) = Checkpoint::read(&path)? else { return Ok(None) };
-        let dynamics = &self.scene.simulation.dynamics;
-        let model = self.scene.simulation.model();
-        let names = dynamics.auxiliary_names();
-        if !checkpoint.fits(model.nq(), model.nv(), names.len()) {
-            return Err(SimulateError::folder(&path, "is not of this scene; start a new run"));
-        }
         let level = instruction_level();
         if checkpoint.level != level {
             watcher.message(&format!(

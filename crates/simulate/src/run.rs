@@ -5,8 +5,8 @@ use crate::output::{Measured, reference_error};
 use crate::simulation::Simulation;
 use phipsi_model::{Model, State};
 use phipsi_motion::{
-    Balance, Conserved, Dynamics, ErrorEstimate, IntegrateError, Integrator, IntegratorState, JudgedRun,
-    MotionError, System, balance, estimate_error,
+    Balance, Conserved, Dynamics, ErrorEstimate, JudgedRun, Method, MotionError, Scheme, StepError, Stepper,
+    StepperState, System, balance, estimate_error,
 };
 use phipsi_recursion::{DynamicsError, Kinematics};
 use std::time::Instant;
@@ -29,6 +29,8 @@ pub struct Row {
     pub momentum: [f64; 6],
     /// The scene's outputs.
     pub outputs: Vec<f64>,
+    /// Parts of the potential energy: the terms of a force field.
+    pub terms: Vec<f64>,
 }
 
 impl Row {
@@ -139,8 +141,8 @@ pub fn spread(n: usize, most: usize) -> impl Iterator<Item = usize> {
 /// Everything that continues a run bit for bit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunState {
-    /// State of the integrator.
-    pub integrator: IntegratorState,
+    /// State of the integration scheme.
+    pub stepper: StepperState,
     /// Balances so far.
     pub conserved: Conserved,
     /// Rows recorded so far.
@@ -161,7 +163,7 @@ pub struct Progress<'a> {
     pub t_end: f64,
     /// Limits passed so far.
     pub limits: &'a [LimitPassed],
-    integrator: &'a Integrator,
+    stepper: &'a Stepper,
     conserved: &'a Conserved,
     rows: u64,
     steps: u64,
@@ -172,7 +174,7 @@ impl Progress<'_> {
     /// A copy of everything that continues the run.
     pub fn state(&self) -> RunState {
         RunState {
-            integrator: self.integrator.checkpoint(),
+            stepper: self.stepper.checkpoint(),
             conserved: self.conserved.clone(),
             rows: self.rows,
             steps: self.steps,
@@ -237,7 +239,7 @@ pub fn resume(
 
 struct Runner<'a> {
     simulation: &'a mut Simulation,
-    integrator: Integrator,
+    stepper: Stepper,
     kinematics: Kinematics<f64>,
     conserved: Conserved,
     rows: u64,
@@ -262,7 +264,15 @@ impl<'a> Runner<'a> {
                 )));
             }
         }
-        let mut integrator = Integrator::new(model, method, tolerances, start.t, &start.q, &start.v, &aux);
+        let start = start.clone();
+        let mut stepper = Stepper::new(&mut simulation.dynamics, method, tolerances, &start, &aux)
+            .map_err(|e| SimulateError::stopped(&e, simulation.dynamics.model()))?;
+        if let Some(s) = &state
+            && !stepper.restore(s.stepper.clone())
+        {
+            return Err(SimulateError::Start("the checkpoint is of another scene".into()));
+        }
+        let model = simulation.dynamics.model();
         let limited = model
             .moving_joints()
             .filter(|&k| model.joints()[k].kind.nv() == 1)
@@ -277,12 +287,7 @@ impl<'a> Runner<'a> {
             limited,
             spent_s: 0.0,
             clock: Instant::now(),
-            integrator: {
-                if let Some(s) = &state {
-                    integrator.restore(s.integrator.clone());
-                }
-                integrator
-            },
+            stepper,
             simulation,
         };
         if let Some(s) = state {
@@ -309,17 +314,22 @@ impl<'a> Runner<'a> {
             self.record_due(observer)?;
         }
         let mut stopped = observer.stop();
-        while !stopped && self.integrator.t() < t_end {
-            let t = self.integrator.t();
+        // A fixed step that ends within rounding of the end has reached it.
+        let last = t_end - self.simulation.choice.method.fixed_step().map_or(0.0, |step| 1e-6 * step);
+        while !stopped && self.stepper.t() < last {
+            let t = self.stepper.t();
             let next = breaks.partition_point(|b| *b <= t);
             let limit = breaks.get(next).copied().unwrap_or(t_end);
             self.step(limit, limit < t_end, observer)?;
             stopped = observer.stop();
         }
         let mut estimate = None;
-        if !stopped && self.simulation.estimate {
+        if let Scheme::Explicit(method) = self.simulation.choice.method
+            && !stopped
+            && self.simulation.estimate
+        {
             observer.estimating();
-            estimate = self.estimate(&breaks, observer)?;
+            estimate = self.estimate(method, &breaks, observer)?;
             stopped = observer.stop();
         }
         self.summary(estimate, !stopped)
@@ -329,7 +339,7 @@ impl<'a> Runner<'a> {
     fn step(&mut self, limit: f64, is_break: bool, observer: &mut dyn Observer) -> Result<(), SimulateError> {
         let dynamics = &mut self.simulation.dynamics;
         let info = self
-            .integrator
+            .stepper
             .step(dynamics, limit, is_break)
             .map_err(|e| SimulateError::stopped(&e, dynamics.model()))?;
         self.record_due(observer)?;
@@ -338,13 +348,13 @@ impl<'a> Runner<'a> {
         self.watch_limits(info.t0);
         self.steps += 1;
         if is_break && info.t1 == limit {
-            self.integrator.restart();
+            self.stepper.restart();
         }
         let progress = Progress {
             t: info.t1,
             t_end: self.simulation.t_end,
             limits: &self.limits,
-            integrator: &self.integrator,
+            stepper: &self.stepper,
             conserved: &self.conserved,
             rows: self.rows,
             steps: self.steps,
@@ -354,20 +364,22 @@ impl<'a> Runner<'a> {
     }
 
     fn balance(&mut self) -> Result<Balance, DynamicsError> {
-        let at = (self.integrator.t(), self.integrator.q(), self.integrator.v());
-        balance(&mut self.simulation.dynamics, &mut self.kinematics, at, self.integrator.aux())
+        let at = (self.stepper.t(), self.stepper.q(), self.stepper.v());
+        balance(&mut self.simulation.dynamics, &mut self.kinematics, at, self.stepper.aux())
     }
 
     /// Records the samples that are due up to the present time.
     fn record_due(&mut self, observer: &mut dyn Observer) -> Result<(), SimulateError> {
         let samples = self.simulation.samples();
-        while self.rows < samples && self.simulation.sample_time(self.rows) <= self.integrator.t() {
+        // Times of fixed steps are multiples of the step, those of samples of the interval: equal up to rounding.
+        let slack = self.simulation.choice.method.fixed_step().map_or(0.0, |step| 1e-6 * step);
+        while self.rows < samples && self.simulation.sample_time(self.rows) <= self.stepper.t() + slack {
             let t = self.simulation.sample_time(self.rows);
             let dynamics = &mut self.simulation.dynamics;
             let model = dynamics.model();
             let (mut q, mut v) = (vec![0.0; model.nq()], vec![0.0; model.nv()]);
             let mut aux = vec![0.0; dynamics.auxiliary_len()];
-            self.integrator
+            self.stepper
                 .sample(dynamics, t, &mut q, &mut v, &mut aux)
                 .map_err(|e| SimulateError::stopped(&e, dynamics.model()))?;
             let row = measure(dynamics, &mut self.kinematics, &self.simulation.outputs, t, q, v, &aux)?;
@@ -379,7 +391,7 @@ impl<'a> Runner<'a> {
 
     /// Notes the first time that each joint is beyond its limits.
     fn watch_limits(&mut self, t0: f64) {
-        let (q, t1) = (self.integrator.q(), self.integrator.t());
+        let (q, t1) = (self.stepper.q(), self.stepper.t());
         for &(k, i, [lower, upper]) in &self.limited {
             let limit = if q[i] < lower { lower } else { upper };
             if (lower..=upper).contains(&q[i]) || lower > upper {
@@ -399,15 +411,16 @@ impl<'a> Runner<'a> {
 
     fn estimate(
         &mut self,
+        method: Method,
         breaks: &[f64],
         observer: &mut dyn Observer,
     ) -> Result<Option<ErrorEstimate>, SimulateError> {
         let steps = observer.step_ends()?;
         let samples = observer.spread_rows(JUDGED_SAMPLES)?;
-        let Simulation { dynamics, start, choice, tolerances, .. } = &mut *self.simulation;
+        let Simulation { dynamics, start, tolerances, .. } = &mut *self.simulation;
         let aux = vec![0.0; dynamics.auxiliary_len()];
         let judged = JudgedRun {
-            method: choice.method,
+            method,
             tolerances: *tolerances,
             start: (start.t, &start.q, &start.v, &aux),
             steps: &steps,
@@ -432,9 +445,9 @@ impl<'a> Runner<'a> {
         error_estimate: Option<ErrorEstimate>,
         finished: bool,
     ) -> Result<Summary, SimulateError> {
-        let [steps, rejected, evaluations] = self.integrator.counts();
-        let (t, q, v) = (self.integrator.t(), self.integrator.q().to_vec(), self.integrator.v().to_vec());
-        let aux = self.integrator.aux().to_vec();
+        let [steps, rejected, evaluations] = self.stepper.counts();
+        let (t, q, v) = (self.stepper.t(), self.stepper.q().to_vec(), self.stepper.v().to_vec());
+        let aux = self.stepper.aux().to_vec();
         let row = measure(
             &mut self.simulation.dynamics,
             &mut self.kinematics,
@@ -447,7 +460,7 @@ impl<'a> Runner<'a> {
         let names = self.simulation.outputs.iter().map(|o| o.name.clone());
         let outputs: Vec<(String, f64)> = names.zip(row.outputs).collect();
         let value = |name: &str| outputs.iter().find(|(n, _)| n == name).map(|(_, x)| *x);
-        let at_end = t == self.simulation.t_end;
+        let at_end = self.rows == self.simulation.samples();
         Ok(Summary {
             t,
             q,
@@ -488,7 +501,8 @@ fn measure(
     };
     let outputs = outputs.iter().map(|o| o.value(&at)).collect();
     let energy = [balance.kinetic, balance.potential, balance.work];
-    Ok(Row { t, energy, momentum: balance.momentum.to_array(), outputs, q, v })
+    let terms = dynamics.term_energies(t, &q, &v)?;
+    Ok(Row { t, energy, terms, momentum: balance.momentum.to_array(), outputs, q, v })
 }
 
 /// A system that gives up when the user wants to stop: an estimate has no steps of its own to stop after.
@@ -524,11 +538,7 @@ impl System for Watched<'_> {
 
 impl SimulateError {
     /// A step that failed, in words with the model's names.
-    pub(crate) fn stopped(e: &IntegrateError<MotionError>, model: &Model) -> Self {
-        let t = match e {
-            IntegrateError::StepUnderflow { t, .. } | IntegrateError::Start { t, .. } => *t,
-            _ => f64::NAN,
-        };
-        SimulateError::Stopped { t, message: e.describe(model) }
+    pub(crate) fn stopped(e: &StepError, model: &Model) -> Self {
+        SimulateError::Stopped { t: e.time(), message: e.describe(model) }
     }
 }

@@ -10,7 +10,7 @@
 //! | `[[joint]]` | `name`, `type`, `parent`, `child`, `origin` = { `xyz`, `rpy` }, `axis`, `axis2`, `pitch`, `limit`, `dynamics`, `mimic` |
 //! | `[initial]` | `q.JOINT`, `v.JOINT`: a number, or a list for joints with several coordinates; others are neutral |
 //! | `[[force]]` | `kind` with its parameters, see below; `name` |
-//! | `[integrator]` | `t_end`; `method` = "auto", "dop853", "tsit5" with `rtol`, `atol`, `max_step`, or "rk4" with `step`; `estimate` |
+//! | `[integrator]` | `t_end`; `method` = "auto", "dop853", "tsit5" with `rtol`, `atol`, `max_step`, or "rk4", "midpoint" with `step`; `estimate` |
 //! | `[record]` | `every`, s; `checkpoint_s`, wall time between checkpoints (2; 0: after every step) |
 //! | `[outputs]` | NAME = { … }, see below |
 //! | `[reference]` | `source`, NAME = known value of an output at the end |
@@ -141,8 +141,8 @@ fn read(
     let start = settings::initial(&mut scene, &model, report);
     let forces = force::read(&mut scene, &model, settings::end(&root), report);
     let breaks: usize = forces.iter().map(|f| f.breaks().len()).sum();
-    let settings = settings::integrator(&mut scene, breaks, report);
-    let record = settings.as_ref().map(|s| settings::record(&mut scene, s.t_end, report));
+    let settings = settings::integrator(&mut scene, breaks, false, report);
+    let record = settings.as_ref().map(|s| settings::record(&mut scene, s, report));
     let outputs = output::read(&mut scene, &model, report);
     let (known, known_source) = output::reference(&mut scene, &outputs, report);
     let present =

@@ -3,7 +3,7 @@
 use crate::output::{KnownValue, Output};
 use phipsi_model::{Model, State};
 use phipsi_motion::forces::JointDissipation;
-use phipsi_motion::{Dynamics, Force, Method, System, Tolerances};
+use phipsi_motion::{Dynamics, Force, Method, Scheme, System, Tolerances};
 use phipsi_recursion::DynamicsError;
 
 /// Tolerance where nothing else is said.
@@ -19,7 +19,7 @@ const MANY_BREAKS: usize = 100;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Choice {
     /// The method.
-    pub method: Method,
+    pub method: Scheme,
     /// Why, for people.
     pub why: String,
 }
@@ -31,28 +31,29 @@ impl Choice {
         if tolerance >= LOOSE {
             let why =
                 format!("tolerance {tolerance:e} is loose: order 5 takes fewer evaluations than order 8");
-            Choice { method: Method::Tsit5, why }
+            Choice { method: Method::Tsit5.into(), why }
         } else if breaks > MANY_BREAKS {
             let why =
                 format!("forces break at {breaks} times: steps are short, order 5 restarts more cheaply");
-            Choice { method: Method::Tsit5, why }
+            Choice { method: Method::Tsit5.into(), why }
         } else {
             let why = "smooth forces and a tolerance below 1e-4: order 8 takes fewest evaluations".into();
-            Choice { method: Method::Dop853, why }
+            Choice { method: Method::Dop853.into(), why }
         }
     }
     /// A method that the user asked for.
-    pub fn asked(method: Method) -> Self {
-        Choice { method, why: "asked for".into() }
+    pub fn asked(method: impl Into<Scheme>) -> Self {
+        Choice { method: method.into(), why: "asked for".into() }
     }
 }
 
 /// The name of a method in scenes and reports.
-pub fn method_name(method: Method) -> &'static str {
+pub fn method_name(method: Scheme) -> &'static str {
     match method {
-        Method::Dop853 => "dop853",
-        Method::Tsit5 => "tsit5",
-        Method::Rk4 { .. } => "rk4",
+        Scheme::Explicit(Method::Dop853) => "dop853",
+        Scheme::Explicit(Method::Tsit5) => "tsit5",
+        Scheme::Explicit(Method::Rk4 { .. }) => "rk4",
+        Scheme::Midpoint { .. } => "midpoint",
     }
 }
 
@@ -163,7 +164,11 @@ impl Simulation {
     /// What the plan leaves out, for people.
     pub fn left_out(&self) -> Vec<String> {
         let mut lines = self.dynamics.plan().left_out();
-        if !self.estimate {
+        if let Scheme::Midpoint { .. } = self.choice.method {
+            lines.push(
+                "estimate of the error at the end: the midpoint method reports conserved quantities".into(),
+            );
+        } else if !self.estimate {
             lines.push("estimate of the error at the end: estimate = false".into());
         }
         lines

@@ -231,3 +231,28 @@ fn kinks_and_jumps_of_expressions_are_found_to_the_last_bit() {
     }
     assert!(breaks.contains(&0.7) && breaks.len() <= 6, "{breaks:?}");
 }
+
+#[test]
+fn the_midpoint_method_keeps_energy_to_second_order_and_lands_on_its_steps() {
+    let noise = |step: &str| {
+        let text = PENDULUM.replace("rtol = 1e-10", &format!("method = \"midpoint\"\nstep = {step}"));
+        let mut scene = scene(&text).unwrap();
+        let mut recording = Recording::default();
+        let summary = run(&mut scene.simulation, &mut recording).unwrap();
+        assert_eq!(recording.rows.last().unwrap().t, 2.0);
+        assert!(summary.error_estimate.is_none());
+        summary.energy_error
+    };
+    let (coarse, fine) = (noise("0.01"), noise("0.005"));
+    let order = (coarse / fine).log2();
+    assert!((order - 2.0).abs() < 0.1, "{coarse:e} {fine:e}");
+    let midpoint = "rtol = 1e-10";
+    assert!(error(midpoint, "method = \"midpoint\"\nstep = 0.3").required.contains("whole number"));
+    assert!(error(midpoint, "method = \"midpoint\"").remedy.contains("step"));
+    let driven = format!(
+        "{}\n[[force]]\nkind = \"torque\"\njoint = \"hinge\"\nvalue = 1\n",
+        PENDULUM.replace(midpoint, "method = \"midpoint\"\nstep = 0.01")
+    );
+    let failed = run(&mut scene(&driven).unwrap().simulation, &mut Recording::default()).unwrap_err();
+    assert!(failed.to_string().contains("`torque 0` has no potential energy"), "{failed}");
+}

@@ -3,7 +3,7 @@
 use crate::error::SimulateError;
 use crate::level::instruction_level;
 use crate::run::{LimitPassed, RunState};
-use phipsi_motion::{Conserved, IntegratorState};
+use phipsi_motion::{Conserved, IntegratorState, MidpointState, StepperState};
 use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::Path;
@@ -17,12 +17,30 @@ pub struct Checkpoint {
     pub version: String,
     /// Bytes of `trajectory.csv`.
     pub table_bytes: u64,
-    integrator: Integrator,
+    stepper: Stepper,
     conserved: Balances,
     rows: u64,
     steps: u64,
     limits: Vec<Limit>,
     wall_s: f64,
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+enum Stepper {
+    Explicit(Integrator),
+    Midpoint(Midpoint),
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Midpoint {
+    t: f64,
+    q: Vec<f64>,
+    p: Vec<f64>,
+    forces: Vec<f64>,
+    potential: f64,
+    guess: Vec<f64>,
+    steps: u64,
+    iterations: u64,
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -60,25 +78,12 @@ struct Limit {
 impl Checkpoint {
     /// Of a run's state.
     pub fn new(state: &RunState, table_bytes: u64) -> Self {
-        let s = &state.integrator;
         let c = &state.conserved;
         Checkpoint {
             level: instruction_level(),
             version: env!("CARGO_PKG_VERSION").into(),
             table_bytes,
-            integrator: Integrator {
-                t: s.t,
-                q: s.q.clone(),
-                v: s.v.clone(),
-                aux: s.aux.clone(),
-                v_dot: s.v_dot.clone(),
-                aux_dot: s.aux_dot.clone(),
-                h: s.h,
-                last_error: s.last_error,
-                largest: s.largest.clone(),
-                counts: s.counts,
-                carried: s.carried,
-            },
+            stepper: Stepper::new(&state.stepper),
             conserved: Balances {
                 start: c.start(),
                 energy: c.energy,
@@ -103,26 +108,13 @@ impl Checkpoint {
     }
     /// The state.
     pub fn into_state(self) -> RunState {
-        let s = self.integrator;
         let mut conserved = Conserved::default().with_start(self.conserved.start);
         conserved.energy = self.conserved.energy;
         conserved.energy_scale = self.conserved.energy_scale;
         conserved.momentum = self.conserved.momentum;
         conserved.momentum_scale = self.conserved.momentum_scale;
         RunState {
-            integrator: IntegratorState {
-                t: s.t,
-                q: s.q,
-                v: s.v,
-                aux: s.aux,
-                v_dot: s.v_dot,
-                aux_dot: s.aux_dot,
-                h: s.h,
-                last_error: s.last_error,
-                largest: s.largest,
-                counts: s.counts,
-                carried: s.carried,
-            },
+            stepper: self.stepper.into_state(),
             conserved,
             rows: self.rows,
             steps: self.steps,
@@ -160,13 +152,6 @@ impl Checkpoint {
             Err(e) => Err(SimulateError::file(path, e)),
         }
     }
-    /// True if it can be one of a model with these numbers.
-    pub fn fits(&self, nq: usize, nv: usize, auxiliary: usize) -> bool {
-        let s = &self.integrator;
-        s.q.len() == nq
-            && [&s.v, &s.v_dot, &s.largest].iter().all(|x| x.len() == nv)
-            && [&s.aux, &s.aux_dot].iter().all(|x| x.len() == auxiliary)
-    }
     /// True if this program, on this processor, goes on bit for bit.
     pub fn is_of_this_program(&self) -> bool {
         self.level == instruction_level() && self.version == env!("CARGO_PKG_VERSION")
@@ -179,9 +164,62 @@ impl Checkpoint {
     pub fn rows(&self) -> u64 {
         self.rows
     }
-    /// Time.
-    pub fn t(&self) -> f64 {
-        self.integrator.t
+}
+
+impl Stepper {
+    fn new(state: &StepperState) -> Self {
+        match state.clone() {
+            StepperState::Explicit(s) => Stepper::Explicit(Integrator {
+                t: s.t,
+                q: s.q,
+                v: s.v,
+                aux: s.aux,
+                v_dot: s.v_dot,
+                aux_dot: s.aux_dot,
+                h: s.h,
+                last_error: s.last_error,
+                largest: s.largest,
+                counts: s.counts,
+                carried: s.carried,
+            }),
+            StepperState::Midpoint(s) => Stepper::Midpoint(Midpoint {
+                t: s.t,
+                q: s.q,
+                p: s.p,
+                forces: s.forces,
+                potential: s.potential,
+                guess: s.guess,
+                steps: s.steps,
+                iterations: s.iterations,
+            }),
+        }
+    }
+    fn into_state(self) -> StepperState {
+        match self {
+            Stepper::Explicit(s) => StepperState::Explicit(IntegratorState {
+                t: s.t,
+                q: s.q,
+                v: s.v,
+                aux: s.aux,
+                v_dot: s.v_dot,
+                aux_dot: s.aux_dot,
+                h: s.h,
+                last_error: s.last_error,
+                largest: s.largest,
+                counts: s.counts,
+                carried: s.carried,
+            }),
+            Stepper::Midpoint(s) => StepperState::Midpoint(MidpointState {
+                t: s.t,
+                q: s.q,
+                p: s.p,
+                forces: s.forces,
+                potential: s.potential,
+                guess: s.guess,
+                steps: s.steps,
+                iterations: s.iterations,
+            }),
+        }
     }
 }
 

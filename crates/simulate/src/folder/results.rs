@@ -5,7 +5,6 @@ use crate::level::instruction_level;
 use crate::run::Summary;
 use crate::scene::Scene;
 use crate::simulation::{Simulation, method_name};
-use phipsi_motion::Method;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -201,7 +200,7 @@ impl Plan {
     /// Of a simulation.
     pub fn new(simulation: &Simulation) -> Self {
         let method = simulation.choice.method;
-        let step = if let Method::Rk4 { step } = method { Some(step) } else { None };
+        let step = method.fixed_step();
         let tolerance = |x: f64| if step.is_none() { Some(x) } else { None };
         Plan {
             method: method_name(method).into(),

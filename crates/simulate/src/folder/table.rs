@@ -20,6 +20,8 @@ pub struct Columns {
     pub momentum: bool,
     /// Names of the outputs.
     pub outputs: Vec<String>,
+    /// Names of the parts of the potential energy.
+    pub terms: Vec<String>,
     /// Names of the position coordinates: `shoulder`, `base.x` …
     pub q: Vec<String>,
     /// Names of the degrees of freedom.
@@ -35,6 +37,7 @@ impl Columns {
             nv: model.nv(),
             momentum: simulation.dynamics.plan().momentum,
             outputs: simulation.outputs.iter().map(|o| o.name.clone()).collect(),
+            terms: simulation.dynamics.terms(),
             q: component_names(model, position_suffixes, |k| model.q_range(k).len()),
             v: component_names(model, velocity_suffixes, |k| model.v_range(k).len()),
         }
@@ -50,12 +53,13 @@ impl Columns {
                 names.extend(["x", "y", "z"].map(|a| format!("{what}.{a}")));
             }
         }
+        names.extend(self.terms.iter().map(|n| format!("energy.{n}")));
         names.extend(self.outputs.iter().map(|n| format!("output.{n}")));
         let quoted: Vec<String> = names.iter().map(|n| quote(n)).collect();
         quoted.join(",") + "\n"
     }
     fn len(&self) -> usize {
-        1 + self.nq + self.nv + 3 + if self.momentum { 6 } else { 0 } + self.outputs.len()
+        1 + self.nq + self.nv + 3 + if self.momentum { 6 } else { 0 } + self.terms.len() + self.outputs.len()
     }
     fn line(&self, row: &Row, line: &mut String) {
         line.clear();
@@ -65,6 +69,7 @@ impl Columns {
             .chain(&row.v)
             .chain(&row.energy)
             .chain(momentum)
+            .chain(&row.terms)
             .chain(&row.outputs);
         for (i, x) in numbers.enumerate() {
             if i > 0 {
@@ -85,8 +90,9 @@ impl Columns {
         let t = take(1)[0];
         let (q, v, energy) = (take(self.nq), take(self.nv), take(3));
         let momentum = if self.momentum { take(6) } else { vec![0.0; 6] };
+        let terms = take(self.terms.len());
         let outputs = take(self.outputs.len());
-        Some(Row { t, q, v, energy: energy.try_into().ok()?, momentum: momentum.try_into().ok()?, outputs })
+        Some(Row { t, q, v, energy: energy.try_into().ok()?, momentum: momentum.try_into().ok()?, outputs, terms })
     }
 }
 

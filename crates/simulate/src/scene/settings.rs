@@ -5,7 +5,7 @@ use crate::folder::CHECKPOINT_S;
 use crate::simulation::{Choice, DEFAULT_TOLERANCE};
 use phipsi_formats::{Problem, Report};
 use phipsi_model::{JointKind, Model, State};
-use phipsi_motion::{Method, Tolerances};
+use phipsi_motion::{Method, Scheme, Tolerances};
 
 /// What `[integrator]` says.
 pub(crate) struct IntegratorSettings {
@@ -103,20 +103,34 @@ pub(crate) fn end(root: &Node) -> f64 {
 }
 
 /// Method, tolerances, end.
+///
+/// Of a molecule, times are in ps, the step may be given in fs, and `auto` is the midpoint method.
 pub(crate) fn integrator(
     scene: &mut Table<'_>,
     breaks: usize,
+    molecule: bool,
     report: &mut Report,
 ) -> Option<IntegratorSettings> {
-    let what = "the end of the simulation, s";
+    let what = if molecule { "the end of the simulation, ps" } else { "the end of the simulation, s" };
     scene.required("integrator", report, "a table with t_end")?;
     let mut table = scene.table("integrator", report)?;
     table.required("t_end", report, what);
     let t_end = table.positive("t_end", false, report);
-    let word = table.word("method", &["auto", "dop853", "tsit5", "rk4"], report).unwrap_or("auto");
+    let words = ["auto", "dop853", "tsit5", "rk4", "midpoint"];
+    let word = match table.word("method", &words, report).unwrap_or("auto") {
+        "auto" if molecule => "midpoint",
+        word => word,
+    };
     let tolerance = |key, table: &mut Table<'_>, report: &mut Report| table.positive(key, false, report);
     let (rtol, atol) = (tolerance("rtol", &mut table, report), tolerance("atol", &mut table, report));
-    let step = table.positive("step", false, report);
+    let mut step = table.positive("step", false, report);
+    if molecule && let Some(fs) = table.positive("step_fs", false, report) {
+        if step.is_some() {
+            let node = table.get("step_fs");
+            table.error(node, report, "both `step` and `step_fs`", "one of them", "remove one");
+        }
+        step = Some(fs / 1000.0);
+    }
     let max_step = table.positive("max_step", false, report).unwrap_or(f64::INFINITY);
     let estimate = table.flag("estimate", report).unwrap_or(true);
     // One of the two alone means both; neither, the default.
@@ -134,14 +148,20 @@ pub(crate) fn integrator(
     }
     let choice = match (word, step) {
         ("rk4", Some(step)) => Choice::asked(Method::Rk4 { step }),
-        ("rk4", None) => {
-            table.error(None, report, "method = \"rk4\" without `step`", "a step in s", "add `step = …`");
+        ("midpoint", Some(step)) => {
+            let why = if molecule { "symplectic and reversible: the energy does not drift" } else { "asked for" };
+            Choice { method: Scheme::Midpoint { step }, why: why.into() }
+        }
+        ("rk4" | "midpoint", None) => {
+            let (unit, key) = if molecule { ("fs", "step_fs") } else { ("s", "step") };
+            let found = format!("method = \"{word}\" without `{key}`");
+            table.error(None, report, found, format!("a step in {unit}"), format!("add `{key} = …`"));
             Choice::automatic(tolerances, breaks)
         }
         (word, Some(_)) => {
             let node = table.get("step");
             let found = format!("`step` with method = \"{word}\"");
-            let remedy = "use method = \"rk4\", or rtol and atol";
+            let remedy = "use method = \"rk4\" or \"midpoint\", or rtol and atol";
             table.error(node, report, found, "a method of fixed step", remedy);
             Choice::automatic(tolerances, breaks)
         }
@@ -149,11 +169,20 @@ pub(crate) fn integrator(
         ("tsit5", None) => Choice::asked(Method::Tsit5),
         _ => Choice::automatic(tolerances, breaks),
     };
-    if word == "rk4" && (rtol.is_some() || atol.is_some()) {
+    if ["rk4", "midpoint"].contains(&word) && (rtol.is_some() || atol.is_some()) {
         let remedy = "remove rtol and atol, or use an adaptive method";
-        table.error(None, report, "rtol or atol with method = \"rk4\"", "a step alone", remedy);
+        let found = format!("rtol or atol with method = \"{word}\"");
+        table.error(None, report, found, "a step alone", remedy);
     }
-    if let (Method::Rk4 { step }, Some(t_end)) = (choice.method, t_end)
+    if let (Scheme::Midpoint { step }, Some(t_end)) = (choice.method, t_end)
+        && !is_multiple(t_end, step)
+    {
+        let node = table.get("t_end");
+        let found = format!("t_end = {t_end} with a step of {step}");
+        let remedy = format!("use t_end = {}", (t_end / step).round().max(1.0) * step);
+        table.error(node, report, found, "a whole number of steps", remedy);
+    }
+    if let (Some(step), Some(t_end)) = (choice.method.fixed_step(), t_end)
         && t_end / step > 1e10
     {
         let found = format!("{:e} steps", t_end / step);
@@ -166,11 +195,33 @@ pub(crate) fn integrator(
 /// Most samples of a run.
 const MOST_SAMPLES: f64 = 1e8;
 
-/// Interval of the samples, and wall time between checkpoints.
-pub(crate) fn record(scene: &mut Table<'_>, t_end: f64, report: &mut Report) -> (f64, f64) {
-    let default = (t_end / 200.0, CHECKPOINT_S);
+/// True if x is a whole number of steps, to a millionth of one.
+fn is_multiple(x: f64, step: f64) -> bool {
+    let n = x / step;
+    n > 0.5 && (n - n.round()).abs() < 1e-6
+}
+
+/// Interval of the samples, and wall time between checkpoints. The midpoint method has states at its steps only.
+pub(crate) fn record(
+    scene: &mut Table<'_>,
+    IntegratorSettings { t_end, choice, .. }: &IntegratorSettings,
+    report: &mut Report,
+) -> (f64, f64) {
+    let every = match choice.method {
+        Scheme::Midpoint { step } => (t_end / 200.0 / step).ceil() * step,
+        Scheme::Explicit(_) => t_end / 200.0,
+    };
+    let default = (every, CHECKPOINT_S);
     let Some(mut table) = scene.table("record", report) else { return default };
     let every = table.positive("every", false, report).unwrap_or(default.0);
+    if let Scheme::Midpoint { step } = choice.method
+        && !is_multiple(every, step)
+    {
+        let node = table.get("every");
+        let found = format!("every = {every} with a step of {step}");
+        let remedy = format!("use every = {}", (every / step).round().max(1.0) * step);
+        table.error(node, report, found, "a whole number of steps", remedy);
+    }
     let checkpoint_s = table.positive("checkpoint_s", true, report).unwrap_or(default.1);
     if t_end / every > MOST_SAMPLES {
         let node = table.get("every");
