@@ -24,6 +24,7 @@ pub mod dcd;
 pub mod expression;
 mod file;
 mod joint_kind;
+pub mod pdb;
 pub mod report;
 mod suggest;
 pub mod system;
