@@ -32,11 +32,9 @@ pub(crate) fn read_text(path: &Path, what: &str) -> Result<String, Problem> {
         let at = error.utf8_error().valid_up_to();
         let line = 1 + error.as_bytes()[..at].iter().filter(|b| **b == b'\n').count();
         let (found, to_do) = match error.as_bytes() {
-            [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => {
-                ("text in UTF-16".into(), "convert the file to UTF-8".into())
-            }
-            [0x1f, 0x8b, ..] => ("a gzipped file".into(), "gunzip it first".into()),
-            _ => (format!("byte {at} is not UTF-8"), format!("check that it is {what}, in UTF-8")),
+            [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => ("text in UTF-16".into(), "convert the file to UTF-8"),
+            [0x1f, 0x8b, ..] => ("a gzipped file".into(), "gunzip it first"),
+            _ => (format!("byte {at} is not UTF-8"), "convert the file to UTF-8"),
         };
         Problem::new(u32::try_from(line).ok(), "file", found, "text in UTF-8", to_do)
     })

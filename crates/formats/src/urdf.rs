@@ -31,17 +31,14 @@ mod link;
 mod mimic;
 mod reader;
 
+use crate::file::read_text;
 use crate::report::{Loaded, Problem, Report};
 use crate::suggest::{quote, shown};
 use crate::xml;
 use phipsi_model::{Base, Body, Coupling, Joint, Model, ModelBuilder, Subject, Violation};
 use reader::{Element, Reader};
 use std::collections::{BTreeMap, HashMap, HashSet};
-use std::io::Read as _;
 use std::path::Path;
-
-/// Largest file that is read, bytes.
-const LARGEST_FILE: u64 = 256 << 20;
 
 /// What becomes of `<mimic>`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -97,7 +94,7 @@ pub fn read_urdf_file(path: impl AsRef<Path>, options: &UrdfOptions) -> Loaded<M
 /// As [`read_urdf_file`].
 pub fn urdf_builder_file(path: impl AsRef<Path>, options: &UrdfOptions) -> Loaded<ModelBuilder> {
     let source = path.as_ref().display().to_string();
-    match read_text(path.as_ref()) {
+    match read_text(path.as_ref(), "a URDF") {
         Ok(text) => urdf_builder(&text, &source, options),
         Err(problem) => failed(Report::new(source), problem),
     }
@@ -154,28 +151,6 @@ fn build(read: Loaded<ModelBuilder>) -> Loaded<Model> {
         }
         None => Loaded { value: None, report },
     }
-}
-
-fn read_text(path: &Path) -> Result<String, Problem> {
-    let cannot = |error: std::io::Error| {
-        Problem::new(None, "file", error.to_string(), "a readable file", "check the path and its permissions")
-    };
-    let file = std::fs::File::open(path).map_err(cannot)?;
-    let mut bytes = Vec::new();
-    file.take(LARGEST_FILE + 1).read_to_end(&mut bytes).map_err(cannot)?;
-    if bytes.len() as u64 > LARGEST_FILE {
-        let required = format!("at most {LARGEST_FILE} bytes");
-        return Err(Problem::new(None, "file", "a larger file", required, "check that it is a URDF"));
-    }
-    String::from_utf8(bytes).map_err(|error| {
-        let at = error.utf8_error().valid_up_to();
-        let line = 1 + error.as_bytes()[..at].iter().filter(|b| **b == b'\n').count();
-        let found = match error.as_bytes() {
-            [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => "text in UTF-16".into(),
-            _ => format!("byte {at} is not UTF-8"),
-        };
-        Problem::new(u32::try_from(line).ok(), "file", found, "text in UTF-8", "convert the file to UTF-8")
-    })
 }
 
 /// Elements of a robot without effect on its dynamics.

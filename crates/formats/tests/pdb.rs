@@ -150,6 +150,8 @@ fn elements_come_from_columns_or_names() {
         );
         assert_eq!(accept(&text).0.atoms[0].element, element, "{name} {columns}");
     }
+    let ion = "ATOM      1  Cl   Cl A   1       0.000   0.000   0.000\n";
+    assert_eq!(accept(ion).0.atoms[0].element, "Cl");
     let unknown = "ATOM      1  ?   XXX A   1       0.000   0.000   0.000\n";
     let read = read(unknown);
     assert!(read.value.is_some_and(|pdb| pdb.atoms[0].element.is_empty()));

@@ -89,6 +89,12 @@ pub(super) fn parse(line: &str, number: u32) -> Result<(PdbAtom, String, char), 
 /// The element that the columns of an atom's name mean: two letters that begin in column 13, one in column 14.
 pub(super) fn element_of_name(line: &str) -> Option<String> {
     let columns = line.get(12..16)?;
+    // Ions are called like their residue, wherever they stand: Cl.
+    if columns.trim() == line.get(17..21)?.trim()
+        && let Some(symbol) = element::symbol(columns.trim())
+    {
+        return Some(symbol.into());
+    }
     let first = columns.get(..2)?.trim_matches(|c: char| c == ' ' || c.is_ascii_digit());
     // A name of four letters begins in column 13 also where its element has one: HG21, HN11.
     let is_long = !columns.contains(' ') && columns.starts_with(['H', 'C', 'N', 'O', 'D']);
