@@ -6,12 +6,14 @@
 use allocation_counter::measure;
 use flate2::read::GzDecoder;
 use phipsi_formats::system::{System, SystemOptions, read_system};
+use phipsi_model::Random;
 use phipsi_molecule::{ForceField, Potential};
 use phipsi_spatial::Vec3;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 type V = Vec3<f64>;
 
@@ -305,4 +307,55 @@ fn nothing_is_allocated_in_an_evaluation() {
         let counted = measure(|| field.evaluate(positions, &mut energies, &mut forces).unwrap());
         assert_eq!(counted.count_total, 0, "{name}: {counted:?}");
     }
+}
+
+/// Numbers of the files replaced at random: what the reader accepts is a force field, and an evaluation has numbers or an
+/// error. `PHIPSI_FUZZ_SECONDS` and `PHIPSI_FUZZ_SEED` as in the tests of the readers.
+#[test]
+fn systems_with_wrong_numbers_do_not_panic() {
+    const NUMBERS: [&str; 16] = [
+        "0", "-1", "1", "2", "3", "7", "8", "0.5", "1e-9", "1e-300", "5e-324", "1e154", "-1e200", "1e308",
+        "-0", "1e6",
+    ];
+    let files = ["bonded", "pairs", "implicit"]
+        .map(|name| text(&data().join("every_force").join(format!("{name}.xml.gz"))));
+    let number = |variable: &str| std::env::var(variable).ok().and_then(|text| text.parse::<u64>().ok());
+    let duration = number("PHIPSI_FUZZ_SECONDS").map_or(Duration::from_secs(2), Duration::from_secs);
+    let first = number("PHIPSI_FUZZ_SEED").unwrap_or(0);
+    let (start, mut seed, mut evaluated) = (Instant::now(), first, 0);
+    while seed == first || start.elapsed() < duration {
+        let run = std::panic::catch_unwind(|| {
+            let mut r = Random::new(seed);
+            let mut text = files[r.below(3)].clone();
+            for _ in 0..1 + r.below(3) {
+                let is_number = |c: char| c.is_ascii_digit() || c == '.' || c == '-';
+                let at = r.below(text.len());
+                let Some(begin) = text[at..].find(is_number).map(|i| at + i) else { continue };
+                let end = text[begin..].find(|c| !is_number(c)).map_or(text.len(), |i| begin + i);
+                text.replace_range(begin..end, NUMBERS[r.below(NUMBERS.len())]);
+            }
+            let Some(system) = read_system(&text, "", &SystemOptions::default()).value else { return 0 };
+            let mut field = ForceField::new(&system).expect("what the reader accepts");
+            let n = system.masses.len();
+            let size = [1e-300, 0.1, 0.3, 10.0, 1e150][r.below(5)];
+            let x: Vec<V> = (0..n).map(|_| Vec3([0, 1, 2].map(|_| size * r.signed()))).collect();
+            let (mut energies, mut forces) = (vec![0.0; field.terms().len()], vec![Vec3([0.0; 3]); n]);
+            match field.evaluate(&x, &mut energies, &mut forces) {
+                Ok(()) => {
+                    assert!(energies.iter().chain(forces.iter().flat_map(|f| &f.0)).all(|x| x.is_finite()))
+                }
+                Err(error) => {
+                    assert!(field.terms().contains(&error.term) && !error.atoms.is_empty(), "{error}")
+                }
+            }
+            1
+        });
+        evaluated += run.unwrap_or_else(|panic| {
+            eprintln!("PHIPSI_FUZZ_SEED={seed} reproduces this");
+            std::panic::resume_unwind(panic)
+        });
+        seed += 1;
+    }
+    assert!(evaluated > 0 || seed == first + 1);
+    println!("{} cases, {evaluated} evaluated", seed - first);
 }
