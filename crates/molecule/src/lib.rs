@@ -2,8 +2,21 @@
 //!
 //! Units are OpenMM's: nm, ps, Da, kJ/mol, e, K.
 
+pub mod atoms;
+pub mod bond_kind;
+mod bridges;
+pub mod clusters;
 pub mod force_field;
+pub mod molecular_forces;
 pub mod potential;
+mod roots;
+mod superpose;
+pub mod torsion_model;
 
+pub use atoms::{AtomName, Atoms, BOLTZMANN, MoleculeError, MoleculeErrors};
+pub use bond_kind::BondKind;
+pub use clusters::{Clustering, Clusters, HingeBond, Hinges, LockedHinge};
 pub use force_field::{ForceField, ForceFieldError};
+pub use molecular_forces::{MolecularError, MolecularForces, PotentialForce};
 pub use potential::{Potential, PotentialError};
+pub use torsion_model::{GatherWorkspace, Poses, TorsionModel};

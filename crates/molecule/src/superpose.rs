@@ -1,0 +1,104 @@
+//! Coordinates from positions: the pose of each base by superposition, then angle after angle outward.
+
+use crate::torsion_model::{Site, TorsionModel, check};
+use nalgebra::Matrix4;
+use phipsi_recursion::DynamicsError;
+use phipsi_recursion::hinge::Hinge;
+use phipsi_recursion::layout::GROUND;
+use phipsi_spatial::{Quaternion, Transform, Vec3};
+
+impl TorsionModel {
+    /// The configuration whose positions are nearest, cluster by cluster from the bases outward, and the largest distance
+    /// (nm) that an atom is then away: zero but for rounding where positions differ from the reference by torsions and
+    /// motions of whole molecules. Angles are in (−π, π]. Cost O(atoms).
+    ///
+    /// # Method
+    /// Bases: least squares over the base's atoms and the far ends of its hinges (Horn 1987). Hinges: the angle of least
+    /// squares about the axis of the frame reached so far.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Shape`].
+    pub fn coordinates(&self, positions: &[Vec3<f64>]) -> Result<(Vec<f64>, f64), DynamicsError> {
+        check("positions", positions.len(), self.atoms().len())?;
+        let mut q = self.model().neutral::<f64>();
+        let mut world = vec![Transform::identity(); self.layout.len()];
+        let mut largest = 0.0f64;
+        for (k, body) in self.layout.bodies().iter().enumerate() {
+            let frame = match body.parent {
+                GROUND => body.placement,
+                parent => world[parent].compose(&body.placement),
+            };
+            let inward = frame.inverse();
+            let pairs = || {
+                let sites = self.sites[k].iter().chain(&self.far[k]);
+                sites.map(|s: &Site| (s.place, inward.point(positions[s.atom])))
+            };
+            match body.hinge {
+                Hinge::Translation => {
+                    let moved = pairs().next().map_or(Vec3::zero(), |(from, to)| to - from);
+                    q[body.q..body.q + 3].copy_from_slice(&moved.0);
+                }
+                Hinge::Free => {
+                    let (rotation, moved) = superposition(pairs);
+                    q[body.q..body.q + 3].copy_from_slice(&moved.0);
+                    q[body.q + 3..body.q + 7].copy_from_slice(&rotation.0);
+                }
+                _ => {
+                    let (mut sine, mut cosine) = (0.0, 0.0);
+                    for (from, to) in pairs() {
+                        sine += from.cross(to).0[2];
+                        cosine += from.0[0] * to.0[0] + from.0[1] * to.0[1];
+                    }
+                    q[body.q] = sine.atan2(cosine);
+                }
+            }
+            world[k] = frame.compose(&body.hinge.transform(&Transform::identity(), &q[body.q..]));
+            for site in &self.sites[k] {
+                largest = largest.max((world[k].point(site.place) - positions[site.atom]).norm());
+            }
+        }
+        Ok((q, largest))
+    }
+}
+
+/// The rotation and translation that take the first points nearest to the second.
+fn superposition<I: Iterator<Item = (Vec3<f64>, Vec3<f64>)>>(
+    pairs: impl Fn() -> I,
+) -> (Quaternion<f64>, Vec3<f64>) {
+    let count = pairs().count().max(1) as f64;
+    let sum = pairs().fold((Vec3::zero(), Vec3::zero()), |(a, b), (x, y)| (a + x, b + y));
+    let (from, to) = (sum.0.scale(1.0 / count), sum.1.scale(1.0 / count));
+    let mut s = [[0.0; 3]; 3];
+    for (x, y) in pairs() {
+        let (x, y) = (x - from, y - to);
+        for i in 0..3 {
+            for j in 0..3 {
+                s[i][j] += x.0[i] * y.0[j];
+            }
+        }
+    }
+    // The quaternion (w, x, y, z) is the eigenvector of the largest eigenvalue.
+    let [[xx, xy, xz], [yx, yy, yz], [zx, zy, zz]] = s;
+    let matrix = Matrix4::new(
+        xx + yy + zz,
+        yz - zy,
+        zx - xz,
+        xy - yx,
+        yz - zy,
+        xx - yy - zz,
+        xy + yx,
+        zx + xz,
+        zx - xz,
+        xy + yx,
+        yy - xx - zz,
+        yz + zy,
+        xy - yx,
+        zx + xz,
+        yz + zy,
+        zz - xx - yy,
+    );
+    let eigen = matrix.symmetric_eigen();
+    let vector = eigen.eigenvectors.column(eigen.eigenvalues.imax());
+    let rotation = Quaternion([vector[1], vector[2], vector[3], vector[0]]).normalized();
+    (rotation, to - rotation.to_rotation() * from)
+}
