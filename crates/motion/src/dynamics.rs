@@ -208,6 +208,8 @@ impl Dynamics {
         for (i, force) in self.forces.iter_mut().enumerate() {
             if force.needs().conservative == conservative {
                 let slots = self.slots[i]..self.slots[i + 1];
+                // The midpoint method has no auxiliary quantities at all.
+                let slots = if slots.is_empty() { 0..0 } else { slots };
                 force.add(&at, &aux[slots.clone()], &mut aux_dot[slots], &mut loads)?;
             }
         }
@@ -292,8 +294,8 @@ impl Conservative for Dynamics {
     type Error = MotionError;
 
     fn evaluate(&mut self, q: &[f64], out: &mut [f64]) -> Result<f64, MotionError> {
-        let unfit = |f: &&Box<dyn Force>| !f.needs().conservative || !f.auxiliary().is_empty();
-        if let Some(force) = self.forces.iter().find(unfit) {
+        if let Some(force) = self.forces.iter().find(|f| !f.needs().conservative || !f.auxiliary().is_empty())
+        {
             return Err(MotionError::NotConservative { force: force.name().into() });
         }
         let rest = std::mem::take(&mut self.rest);

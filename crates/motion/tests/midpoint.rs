@@ -7,9 +7,7 @@ use common::{double_pendulum, free_body, pendulum};
 use phipsi_model::{Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random};
 use phipsi_motion::forces::{JointSpring, PointSpring};
 use phipsi_motion::midpoint_momentum::MomentumSweep;
-use phipsi_motion::{
-    Conservative, Dynamics, Force, Integrator, Method, Midpoint, MidpointError, ModelForces, Tolerances,
-};
+use phipsi_motion::{Conservative, Dynamics, Force, Integrator, Method, Midpoint, MidpointError, Tolerances};
 use phipsi_recursion::{
     About, Layout, body_pose, inverse_dynamics, kinetic_energy, momentum, multiply_by_mass_matrix,
 };
@@ -57,9 +55,9 @@ fn tree(base: JointKind, gravity: [f64; 3]) -> (Model, Vec<Box<dyn Force>>) {
     (model, forces)
 }
 
-fn free_tree() -> (Model, ModelForces) {
+fn free_tree() -> (Model, Dynamics) {
     let (model, forces) = tree(JointKind::Free, [0.0; 3]);
-    let system = ModelForces::new(&model, forces).unwrap();
+    let system = Dynamics::new(&model, forces).unwrap();
     (model, system)
 }
 
@@ -182,7 +180,7 @@ fn the_order_is_two() {
         exact.step(&mut dynamics, 0.5, false).unwrap();
     }
     let (_, forces) = tree(JointKind::Free, [0.0, 0.0, -9.81]);
-    let mut system = ModelForces::new(&model, forces).unwrap();
+    let mut system = Dynamics::new(&model, forces).unwrap();
     let layout = Layout::<f64>::new(&model);
     let p =
         multiply_by_mass_matrix(&layout.clone().with_gravity(Vec3::zero()), exact.q(), exact.v()).unwrap();
@@ -226,16 +224,9 @@ fn steps_are_reversible() {
 }
 
 /// ξ, p of the image of a start moved by `x` (increments, then momenta), left-trivialised at the image of the start.
-fn image(
-    model: &Model,
-    system: &mut ModelForces,
-    q: &[f64],
-    p: &[f64],
-    x: &[f64],
-    tolerance: f64,
-) -> Vec<f64> {
+fn image(model: &Model, system: &mut Dynamics, q: &[f64], p: &[f64], x: &[f64], tolerance: f64) -> Vec<f64> {
     let nv = model.nv();
-    let run = |system: &mut ModelForces, q: &[f64], p: &[f64]| {
+    let run = |system: &mut Dynamics, q: &[f64], p: &[f64]| {
         let mut method = Midpoint::new(model, system, 0.0, q, &vec![0.0; nv]).unwrap();
         method.tolerance = tolerance;
         method.set_momenta(p).unwrap();
@@ -253,7 +244,7 @@ fn image(
 /// The Jacobian of a step by central differences of sixth order, by columns.
 fn step_jacobian(
     model: &Model,
-    system: &mut ModelForces,
+    system: &mut Dynamics,
     q: &[f64],
     p: &[f64],
     tolerance: f64,
@@ -417,7 +408,7 @@ fn energy_does_not_drift() {
         ),
     ];
     for (name, model, q, v, h) in cases {
-        let mut system = ModelForces::new(&model, Vec::new()).unwrap();
+        let mut system = Dynamics::new(&model, Vec::new()).unwrap();
         let mut method = Midpoint::new(&model, &mut system, 0.0, &q, &v).unwrap();
         let steps = 200_000;
         let (means, range) = tenths(&mut method, &mut system, h, steps);
@@ -447,7 +438,7 @@ fn a_closure_is_a_system() {
 #[test]
 fn starts_from_rest() {
     let model = pendulum();
-    let mut system = ModelForces::new(&model, Vec::new()).unwrap();
+    let mut system = Dynamics::new(&model, Vec::new()).unwrap();
     let mut method = Midpoint::new(&model, &mut system, 0.0, &[1.0], &[0.0]).unwrap();
     method.step(&mut system, 0.01).unwrap();
     assert!(method.state().q[0] < 1.0);
@@ -492,6 +483,7 @@ fn forces_without_a_potential_are_refused() {
     let model = pendulum();
     let damper =
         JointSpring { name: "damper".into(), coordinate: 0, dof: 0, stiffness: 0.0, damping: 1.0, rest: 0.0 };
-    let error = ModelForces::new(&model, vec![Box::new(damper)]).err().unwrap();
+    let mut dynamics = Dynamics::new(&model, vec![Box::new(damper)]).unwrap();
+    let error = Midpoint::new(&model, &mut dynamics, 0.0, &[0.1], &[0.0]).unwrap_err();
     assert!(error.to_string().contains("`damper`"), "{error}");
 }
