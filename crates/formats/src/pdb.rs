@@ -16,6 +16,8 @@ mod atom;
 mod element;
 mod number;
 
+pub use element::atomic_number;
+
 use crate::file::read_text;
 use crate::report::{Loaded, Note, Problem, Report};
 use crate::suggest::{quote, remedy};

@@ -2,10 +2,13 @@
 //!
 //! Units are OpenMM's: nm, ps, Da, kJ/mol, e, K.
 
+pub mod assembly;
 pub mod atoms;
 pub mod bond_kind;
 mod bridges;
 pub mod clusters;
+pub mod constraints;
+pub mod files;
 pub mod force_field;
 pub mod molecular_forces;
 pub mod potential;
@@ -13,9 +16,12 @@ mod roots;
 mod superpose;
 pub mod torsion_model;
 
+pub use assembly::{Assembled, assemble};
 pub use atoms::{AtomName, Atoms, BOLTZMANN, MoleculeError, MoleculeErrors};
 pub use bond_kind::BondKind;
 pub use clusters::{Clustering, Clusters, HingeBond, Hinges, LockedHinge};
+pub use constraints::satisfied_constraints;
+pub use files::{LoadedMolecule, Molecule, read_molecule};
 pub use force_field::{ForceField, ForceFieldError};
 pub use molecular_forces::{MolecularError, MolecularForces, PotentialForce};
 pub use potential::{Potential, PotentialError};

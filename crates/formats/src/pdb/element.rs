@@ -10,3 +10,10 @@ const SYMBOLS: &str = "H D He Li Be B C N O F Ne Na Mg Al Si P S Cl Ar K Ca Sc T
 pub(super) fn symbol(text: &str) -> Option<&'static str> {
     SYMBOLS.split_ascii_whitespace().find(|symbol| symbol.eq_ignore_ascii_case(text))
 }
+
+/// The atomic number of a symbol, in any case; `None` if it is none.
+pub fn atomic_number(text: &str) -> Option<u8> {
+    let position = SYMBOLS.split_ascii_whitespace().position(|symbol| symbol.eq_ignore_ascii_case(text))?;
+    // Deuterium stands second and is hydrogen.
+    u8::try_from(if position == 0 { 1 } else { position }).ok()
+}
