@@ -93,7 +93,7 @@ pub enum StepperState {
 pub struct Stepper(Kind);
 
 enum Kind {
-    Explicit(Integrator),
+    Explicit(Box<Integrator>),
     Midpoint(Box<FixedMidpoint>),
 }
 
@@ -131,7 +131,8 @@ impl Stepper {
         let State { q, v, t } = start;
         Ok(Stepper(match scheme {
             Scheme::Explicit(method) => {
-                Kind::Explicit(Integrator::new(dynamics.model(), method, tolerances, *t, q, v, aux))
+                let explicit = Integrator::new(dynamics.model(), method, tolerances, *t, q, v, aux);
+                Kind::Explicit(Box::new(explicit))
             }
             Scheme::Midpoint { step } => {
                 let model = dynamics.model().clone();

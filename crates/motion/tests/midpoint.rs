@@ -396,7 +396,7 @@ where
 
 #[test]
 fn energy_does_not_drift() {
-    let cases: [(&str, Model, Vec<f64>, Vec<f64>, f64); 3] = [
+    let cases = [
         ("pendulum", pendulum(), vec![2.0], vec![0.0], 0.05),
         ("double pendulum", double_pendulum(), vec![0.4, -0.5], vec![0.0, 0.3], 0.02),
         (
