@@ -6,6 +6,7 @@
 mod check;
 mod conventions;
 mod convert;
+mod energy;
 mod interrupt;
 mod progress;
 mod run;
@@ -65,6 +66,11 @@ enum Command {
         /// The scene to write; it must not exist
         output: PathBuf,
     },
+    /// Print the energy of a molecule, term by term
+    #[command(
+        after_help = "Example: phipsi energy examples/ala_dipeptide.pdb --system examples/ala_dipeptide.xml"
+    )]
+    Energy(energy::Options),
     /// Print the conventions: frames, orders, signs, units
     #[command(after_help = "Example: phipsi conventions")]
     Conventions,
@@ -83,6 +89,7 @@ fn main() -> ExitCode {
         Command::Run(options) => run::run(&options, &common),
         Command::Check { files } => check::check(&files, &common),
         Command::Convert { input, output } => convert::convert(&input, &output, &common),
+        Command::Energy(options) => energy::energy(&options, &common),
         Command::Conventions => conventions::conventions(&common),
     };
     ExitCode::from(match ending {

@@ -1,8 +1,9 @@
 //! Multibody dynamics on the spatial operator algebra.
 //!
 //! The rooms: [`spatial`] (six-vectors, inertias), [`topology`] (trees), [`model`] (what a mechanism is), [`recursion`]
-//! (O(n) kernels), `formats` (files), `motion` (forces and integration), `simulate` (scenes and runs). The last three are
-//! features, all on by default; without them the crate is the tree kernels alone.
+//! (O(n) kernels), `formats` (files), `motion` (forces and integration), `molecule` (force fields, torsion models),
+//! `simulate` (scenes and runs). The last four are features, all on by default; without them the crate is the tree kernels
+//! alone.
 //!
 //! ```
 //! use phipsi::prelude::*;
@@ -20,6 +21,8 @@
 #[cfg(feature = "formats")]
 pub use phipsi_formats as formats;
 pub use phipsi_model as model;
+#[cfg(feature = "molecule")]
+pub use phipsi_molecule as molecule;
 #[cfg(feature = "motion")]
 pub use phipsi_motion as motion;
 pub use phipsi_recursion as recursion;
