@@ -2,6 +2,7 @@
 
 use crate::potential::{Potential, PotentialError};
 use crate::torsion_model::{GatherWorkspace, Poses, TorsionModel};
+use phipsi_model::Model;
 use phipsi_motion::{Conservative, Force, ForceError, Loads, Needs, Situation};
 use phipsi_recursion::DynamicsError;
 use phipsi_spatial::Vec3;
@@ -143,6 +144,10 @@ impl<P: Potential> Force for PotentialForce<P> {
     }
     fn needs(&self) -> Needs {
         Needs { conservative: true, ..Needs::default() }
+    }
+    /// A potential of the atoms' mutual positions leaves their common momentum alone.
+    fn is_external(&self, _: &Model) -> bool {
+        false
     }
     fn add(
         &mut self,

@@ -167,9 +167,9 @@ fn energy_does_not_drift() {
     for (name, steps) in [("aladi", &[4.0, 12.0][..]), ("met_enkephalin", &[4.0][..])] {
         let long = [0.5, 1.0, 2.0, 4.0, 8.0, 12.0, 15.0];
         for &h in if picoseconds > 10.0 { &long[..] } else { steps } {
-            let (forces, ..) = start(name, 5);
+            let (forces, ..) = start(name, 2);
             let nv = forces.torsion().degrees_of_freedom() as f64;
-            let Noise { rms, slope, iterations, kelvin } = match noise(name, 5, h, picoseconds) {
+            let Noise { rms, slope, iterations, kelvin } = match noise(name, 2, h, picoseconds) {
                 Ok(noise) => noise,
                 // Beyond the range of the method a long run may be lost, and says so.
                 Err(message) if h > 12.0 => {

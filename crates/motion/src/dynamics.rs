@@ -153,6 +153,18 @@ impl Dynamics {
             Wrench::zero()
         }
     }
+    /// For a method without auxiliary quantities (midpoint): no integrals of work and impulse. Momentum is then balanced only
+    /// where no external force changes it.
+    pub fn leave_out_integrals(&mut self) {
+        self.plan.momentum &= !self.plan.impulse;
+        (self.plan.work, self.plan.impulse) = (false, false);
+        self.names.clear();
+        self.slots = vec![0];
+        for force in &self.forces {
+            self.names.extend(force.auxiliary());
+            self.slots.push(self.names.len());
+        }
+    }
     /// Times at which a force is not smooth, sorted, without repetition.
     pub fn breaks(&self) -> Vec<f64> {
         let mut breaks: Vec<f64> = self.forces.iter().flat_map(|f| f.breaks()).collect();

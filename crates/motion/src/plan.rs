@@ -56,7 +56,11 @@ impl Plan {
         say(self.kinematics, "poses of bodies in the force sweep: no force needs them");
         say(self.wrenches, "wrenches on bodies: no force adds any");
         say(self.work, "integral of work: every force has a potential");
-        say(self.impulse, "integral of external impulse: no external force, or momentum is not conserved");
+        let no_impulse = match self.momentum {
+            true => "integral of external impulse: no external force acts",
+            false => "integral of external impulse: momentum is not balanced",
+        };
+        say(self.impulse, no_impulse);
         say(self.momentum, "momentum balance: the base is not free");
         lines
     }

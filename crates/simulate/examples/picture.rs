@@ -18,7 +18,7 @@ fn main() -> Result<(), SimulateError> {
     let run = RunFolder::open(Path::new(folder), None)?;
     let simulation = &run.scene().simulation;
     let rows = read_rows(&run.path().join("trajectory.csv"), &Columns::new(simulation), u64::MAX)?;
-    let drawing = drawing(simulation.model(), simulation.dynamics.layout(), &rows);
+    let drawing = drawing(simulation, &rows);
     let last = drawing.times.len().saturating_sub(1);
     // The satellite slews during the first half of its run.
     let frames: Vec<usize> = [0.0, 0.15, 0.25, 0.35, 1.0].map(|part| (part * last as f64) as usize).to_vec();

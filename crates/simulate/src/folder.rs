@@ -4,12 +4,14 @@
 //! |---|---|
 //! | `run.json` | status, inputs with hashes, versions, plan, results; replaced as a whole |
 //! | `trajectory.csv` | recorded instants, readable while the run goes on |
+//! | `trajectory.dcd` | positions of a molecule's atoms |
 //! | `trajectory.npz` | the same for NumPy, when the run has ended |
 //! | `index.html` | the run to look at, when it has ended |
 //! | `inputs/` | copies of the scene and the files it names |
 //! | `checkpoint/` | what continues the run bit for bit |
 //! | `lock` | held by the process that runs in the folder |
 
+pub mod atoms;
 pub mod checkpoint;
 pub mod inputs;
 pub mod npz;
@@ -22,6 +24,8 @@ use crate::error::SimulateError;
 use crate::level::instruction_level;
 use crate::run::{Observer, Progress, Row, StepRecord, Summary, resume, run, spread};
 use crate::scene::{self, Scene};
+use crate::simulation::Simulation;
+use atoms::AtomWriter;
 use checkpoint::{Checkpoint, replace};
 use inputs::Input;
 use phipsi_model::State;
@@ -154,9 +158,9 @@ impl RunFolder {
             return Ok(Outcome { file: self.file, path: self.path, finished: true, already: true });
         }
         let checkpoint = self.checkpoint(watcher)?;
-        let columns = Columns::new(&self.scene.simulation);
+        let every = self.file.checkpoint_s;
         let mut recorder =
-            Recorder::open(&self.path, columns, checkpoint.as_ref(), self.file.checkpoint_s, watcher)?;
+            Recorder::open(&self.path, &self.scene.simulation, checkpoint.as_ref(), every, watcher)?;
         let simulation = &mut self.scene.simulation;
         let result = match checkpoint {
             Some(c) => resume(simulation, c.into_state(), &mut recorder),
@@ -208,9 +212,9 @@ impl RunFolder {
     /// Writes what is made from a run's rows and steps.
     fn end(&mut self, summary: &Summary) -> Result<(), SimulateError> {
         let columns = Columns::new(&self.scene.simulation);
-        self.file.complete(&self.scene.simulation, summary);
         let rows = read_rows(&self.path.join("trajectory.csv"), &columns, u64::MAX)?;
         let steps = read_steps(&self.path.join("checkpoint/steps.bin"), summary.steps)?;
+        self.file.complete(&self.scene.simulation, summary, &rows);
         if summary.finished {
             npz::write(&self.path.join("trajectory.npz"), &columns, &rows)?;
         }
@@ -230,17 +234,19 @@ struct Recorder<'a> {
     written: Instant,
     state: Option<crate::run::RunState>,
     rows: u64,
+    atoms: Option<AtomWriter>,
     watcher: &'a mut dyn Watcher,
 }
 
 impl<'a> Recorder<'a> {
     fn open(
         folder: &Path,
-        columns: Columns,
+        simulation: &Simulation,
         checkpoint: Option<&Checkpoint>,
         every: f64,
         watcher: &'a mut dyn Watcher,
     ) -> Result<Self, SimulateError> {
+        let columns = Columns::new(simulation);
         let csv = folder.join("trajectory.csv");
         let table = match checkpoint {
             Some(c) => {
@@ -257,6 +263,11 @@ impl<'a> Recorder<'a> {
             StepWriter::open(&folder.join("checkpoint/steps.bin"), checkpoint.map_or(0, |c| c.steps()))?;
         let every = Duration::try_from_secs_f64(every).unwrap_or(Duration::MAX);
         let rows = checkpoint.map_or(0, |c| c.rows());
+        let before = match simulation.molecule {
+            Some(_) if rows > 0 => read_rows(&csv, &columns, rows)?,
+            _ => Vec::new(),
+        };
+        let atoms = AtomWriter::open(&folder.join("trajectory.dcd"), simulation, &before)?;
         Ok(Recorder {
             folder: folder.into(),
             table,
@@ -266,6 +277,7 @@ impl<'a> Recorder<'a> {
             written: Instant::now(),
             state: None,
             rows,
+            atoms,
             watcher,
         })
     }
@@ -288,6 +300,9 @@ impl<'a> Recorder<'a> {
 impl Observer for Recorder<'_> {
     fn row(&mut self, row: &Row) -> Result<(), SimulateError> {
         self.rows += 1;
+        if let Some(atoms) = &mut self.atoms {
+            atoms.row(row)?;
+        }
         self.table.row(row)
     }
     fn step(&mut self, step: &StepRecord, progress: &Progress<'_>) -> Result<(), SimulateError> {
@@ -362,11 +377,11 @@ fn reload(path: &Path, file: &RunFile) -> Result<Scene, SimulateError> {
     let bytes = inputs::read_back(path, scene)?;
     let text = String::from_utf8(bytes).map_err(|_| SimulateError::folder(path, "its scene is not UTF-8"))?;
     let mut overrides = file.overrides.clone();
-    if let Some(urdf) = file.inputs.get(1) {
-        inputs::read_back(path, urdf)?;
-        let name = urdf.copy.trim_start_matches("inputs/");
+    for input in &file.inputs[1..] {
+        inputs::read_back(path, input)?;
+        let name = input.copy.trim_start_matches("inputs/");
         // JSON's quotation is TOML's for text without control characters other than these.
-        overrides.push(format!("model.urdf={}", serde_json::Value::from(name)));
+        overrides.push(format!("{}={}", input.key, serde_json::Value::from(name)));
     }
     let folder = path.join("inputs");
     let mut loaded = scene::parse(text, &file.scene, &scene.file, &folder, &overrides)?;

@@ -6,9 +6,11 @@
 pub mod chart;
 pub mod check;
 pub mod convert;
+pub mod drift;
 pub mod error;
 pub mod folder;
 pub mod level;
+pub mod molecule;
 pub mod output;
 pub mod page;
 pub mod run;

@@ -253,6 +253,9 @@ struct Runner<'a> {
 
 impl<'a> Runner<'a> {
     fn new(simulation: &'a mut Simulation, state: Option<RunState>) -> Result<Self, SimulateError> {
+        if let Scheme::Midpoint { .. } = simulation.choice.method {
+            simulation.dynamics.leave_out_integrals();
+        }
         let aux = vec![0.0; simulation.dynamics.auxiliary_len()];
         let model = simulation.dynamics.model();
         let start = &simulation.start;

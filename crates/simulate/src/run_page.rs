@@ -6,8 +6,8 @@ use crate::folder::table::Columns;
 use crate::page::{Chart, Drawing, DrawnBody, PageData, Series, equivalent_box, render};
 use crate::run::{Row, StepRecord, spread};
 use crate::scene::Scene;
-use phipsi_model::Model;
-use phipsi_recursion::{Kinematics, Layout};
+use crate::simulation::Simulation;
+use phipsi_recursion::Kinematics;
 use phipsi_spatial::{Quaternion, Vec3};
 
 /// Most frames of the drawing.
@@ -37,9 +37,8 @@ pub fn page(scene: &Scene, file: &RunFile, columns: &Columns, rows: &[Row], step
         warnings,
         left_out: file.plan.left_out.clone(),
         details: details(file),
-        charts: charts(model, columns, rows, steps),
-        drawing: (model.len() <= MOST_BODIES)
-            .then(|| drawing(model, scene.simulation.dynamics.layout(), rows)),
+        charts: charts(&scene.simulation, columns, rows, steps),
+        drawing: (model.len() <= MOST_BODIES).then(|| drawing(&scene.simulation, rows)),
     };
     render(&data)
 }
@@ -56,10 +55,12 @@ fn details(file: &RunFile) -> Vec<(String, String)> {
     rows
 }
 
-fn charts(model: &Model, columns: &Columns, rows: &[Row], steps: &[StepRecord]) -> Vec<Chart> {
+fn charts(simulation: &Simulation, columns: &Columns, rows: &[Row], steps: &[StepRecord]) -> Vec<Chart> {
+    let model = simulation.model();
+    let (time, energy) = (simulation.time_unit(), simulation.energy_unit());
     let chart = |title: &str, y_label: &str, log_y: bool, series: Vec<Series>| Chart {
         title: title.into(),
-        x_label: "time, s".into(),
+        x_label: format!("time, {time}"),
         y_label: y_label.into(),
         log_y,
         series,
@@ -69,7 +70,16 @@ fn charts(model: &Model, columns: &Columns, rows: &[Row], steps: &[StepRecord]) 
         points: rows.iter().map(|r| (r.t, value(r))).collect(),
     };
     let mut charts = Vec::new();
-    for (angle, q_label, v_label) in [(true, "rad", "rad/s"), (false, "m", "m/s")] {
+    if let Some(molecule) = &simulation.molecule
+        && !molecule.backbone.is_empty()
+    {
+        let all = molecule.backbone_series(rows).into_iter();
+        let series = all.take(MOST_CURVES).map(|(name, points)| Series { name, points }).collect();
+        charts.push(chart("Backbone angles", "°", false, series));
+    }
+    let length = if simulation.molecule.is_some() { "nm" } else { "m" };
+    for (angle, q_label) in [(true, "rad"), (false, length)] {
+        let v_label = format!("{q_label}/{time}");
         let (mut positions, mut velocities) = (Vec::new(), Vec::new());
         for k in model.moving_joints() {
             let kind = &model.joints()[k].kind;
@@ -83,7 +93,7 @@ fn charts(model: &Model, columns: &Columns, rows: &[Row], steps: &[StepRecord]) 
             }
         }
         for (title, label, series) in
-            [("Joint positions", q_label, positions), ("Velocities", v_label, velocities)]
+            [("Joint positions", q_label, positions), ("Velocities", v_label.as_str(), velocities)]
         {
             let all = series.len();
             let series = most_moved(series);
@@ -98,7 +108,7 @@ fn charts(model: &Model, columns: &Columns, rows: &[Row], steps: &[StepRecord]) 
     }
     charts.push(chart(
         "Energy",
-        "J",
+        energy,
         false,
         vec![
             of("kinetic", &|r| r.energy[0]),
@@ -111,10 +121,20 @@ fn charts(model: &Model, columns: &Columns, rows: &[Row], steps: &[StepRecord]) 
         name: name.into(),
         points: steps.iter().map(|s| (s.t, s.imbalance[i])).collect(),
     };
-    charts.push(chart("Energy imbalance", "J", true, vec![imbalance("|E − E₀ − W|", 0)]));
+    if !columns.terms.is_empty() {
+        let terms = columns.terms.iter().enumerate();
+        let series = terms.map(|(i, name)| of(name, &|r| r.terms[i])).collect();
+        charts.push(chart("Energy of each term", energy, false, series));
+    }
+    charts.push(chart("Energy imbalance", energy, true, vec![imbalance("|E − E₀ − W|", 0)]));
     if columns.momentum {
-        let series = vec![imbalance("angular, kg m²/s", 1), imbalance("linear, kg m/s", 2)];
-        charts.push(chart("Momentum imbalance", "kg m²/s, kg m/s", true, series));
+        let units = match simulation.molecule {
+            Some(_) => ["Da nm²/ps", "Da nm/ps"],
+            None => ["kg m²/s", "kg m/s"],
+        };
+        let angular = imbalance(&format!("angular, {}", units[0]), 1);
+        let series = vec![angular, imbalance(&format!("linear, {}", units[1]), 2)];
+        charts.push(chart("Momentum imbalance", &units.join(", "), true, series));
     }
     for (i, name) in columns.outputs.iter().enumerate() {
         charts.push(chart(&format!("Output {name}"), "", false, vec![of(name, &|r| r.outputs[i])]));
@@ -138,7 +158,17 @@ fn most_moved(series: Vec<Series>) -> Vec<Series> {
 }
 
 /// The mechanism as lines, with the poses of all bodies at the recorded instants.
-pub fn drawing(model: &Model, layout: &Layout<f64>, rows: &[Row]) -> Drawing {
+pub fn drawing(simulation: &Simulation, rows: &[Row]) -> Drawing {
+    // The start belongs to the picture; `spread` is sure to take the end.
+    let mut chosen: Vec<usize> = spread(rows.len(), MOST_FRAMES).collect();
+    if let Some(first) = chosen.first_mut() {
+        *first = 0;
+    }
+    let chosen: Vec<&Row> = chosen.into_iter().map(|i| &rows[i]).collect();
+    if let Some(molecule) = &simulation.molecule {
+        return molecule.drawing(&chosen);
+    }
+    let (model, layout) = (simulation.model(), simulation.dynamics.layout());
     let mut bodies: Vec<DrawnBody> = Vec::with_capacity(model.len());
     for (k, body) in model.bodies().iter().enumerate() {
         let center = body.inertia.frame.translation.map(|x| x as f32);
@@ -160,12 +190,7 @@ pub fn drawing(model: &Model, layout: &Layout<f64>, rows: &[Row]) -> Drawing {
     }
     let mut kinematics = Kinematics::new(layout);
     let mut drawing = Drawing { bodies, times: Vec::new(), poses: Vec::new(), unit: "m".into() };
-    // The start belongs to the picture; `spread` is sure to take the end.
-    let mut chosen: Vec<usize> = spread(rows.len(), MOST_FRAMES).collect();
-    if let Some(first) = chosen.first_mut() {
-        *first = 0;
-    }
-    for row in chosen.into_iter().map(|i| &rows[i]) {
+    for row in chosen {
         // Rows are states of this model.
         if kinematics.set_position(layout, &row.q).is_err() {
             continue;

@@ -6,6 +6,7 @@
 //! | table | keys |
 //! |---|---|
 //! | `[model]` | `urdf` (relative to the scene), `base` = "fixed" or "free", `gravity`, `mimic` = "closure" or "free", `friction_speed` |
+//! | `[molecule]` | instead of a model: `pdb`, `system` (OpenMM's XML), `rigid` = kinds of bonds, `hinges`, `groups`, `temperature_K`, `seed`, `minimize`, `ignore`; times in ps, `step_fs` |
 //! | `[[body]]` | `name`, `inertial` = { `origin`, `mass`, `inertia` = { `ixx` … } }: the URDF's words |
 //! | `[[joint]]` | `name`, `type`, `parent`, `child`, `origin` = { `xyz`, `rpy` }, `axis`, `axis2`, `pitch`, `limit`, `dynamics`, `mimic` |
 //! | `[initial]` | `q.JOINT`, `v.JOINT`: a number, or a list for joints with several coordinates; others are neutral |
@@ -26,6 +27,7 @@
 
 mod force;
 mod mechanism;
+mod molecule;
 mod output;
 mod settings;
 mod signal;
@@ -34,6 +36,8 @@ mod tree;
 use crate::error::SimulateError;
 use crate::simulation::Simulation;
 use phipsi_formats::{Note, Problem, Report};
+use phipsi_model::State;
+use phipsi_motion::Scheme;
 use phipsi_recursion::singular_hinges;
 use std::path::{Path, PathBuf};
 use tree::Table;
@@ -50,11 +54,20 @@ pub struct Scene {
     /// Overrides of the command line.
     pub overrides: Vec<String>,
     /// Files that it names.
-    pub files: Vec<PathBuf>,
+    pub files: Vec<SceneFile>,
     /// Wall time between checkpoints, s.
     pub checkpoint_s: f64,
     /// Report on the scene, then on each file.
     pub reports: Vec<Report>,
+}
+
+/// A file that a scene names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SceneFile {
+    /// The key that names it: `model.urdf`.
+    pub key: String,
+    /// Where it was found.
+    pub path: PathBuf,
 }
 
 /// Reads a scene file; `overrides` are `key=value`.
@@ -115,7 +128,7 @@ pub fn parse(
     Ok(Scene { simulation, text, overrides: overrides.to_vec(), files, checkpoint_s, reports })
 }
 
-type Read = (Simulation, Vec<PathBuf>, f64, Vec<Report>);
+type Read = (Simulation, Vec<SceneFile>, f64, Vec<Report>);
 
 fn read(
     text: &str,
@@ -132,21 +145,41 @@ fn read(
     }
     let Some(mut scene) = Table::new(&root, "scene", report) else { return Err(Vec::new()) };
     let title = scene.text("title", report).map(str::to_string);
-    let mechanism = mechanism::read(&mut scene, folder, report)?;
-    let mechanism::Mechanism { model, files, reports, friction_speed } = mechanism;
+    let is_molecule = scene.has("molecule");
+    let mechanism = match is_molecule {
+        true => molecule::read(&mut scene, folder, report)?,
+        false => mechanism::read(&mut scene, folder, report)?,
+    };
+    let mechanism::Mechanism { model, files, reports, friction_speed, molecule } = mechanism;
     for violation in singular_hinges(&model) {
         let place = violation.subject.to_string();
         report.errors.push(Problem::new(None, place, violation.found, violation.required, violation.remedy));
     }
-    let start = settings::initial(&mut scene, &model, report);
-    let forces = force::read(&mut scene, &model, settings::end(&root), report);
+    let neutral = State { q: model.neutral(), v: vec![0.0; model.nv()], t: 0.0 };
+    let given = molecule.as_ref().map_or(neutral, |m| m.start.clone());
+    let start = settings::initial(&mut scene, &model, given, report);
+    let mut forces = force::read(&mut scene, &model, settings::end(&root), report);
     let breaks: usize = forces.iter().map(|f| f.breaks().len()).sum();
-    let settings = settings::integrator(&mut scene, breaks, false, report);
+    let settings = settings::integrator(&mut scene, breaks, is_molecule, report);
     let record = settings.as_ref().map(|s| settings::record(&mut scene, s, report));
     let outputs = output::read(&mut scene, &model, report);
     let (known, known_source) = output::reference(&mut scene, &outputs, report);
-    let present =
-        ["model", "body", "joint", "initial", "force", "integrator", "record", "outputs", "reference"];
+    let molecule = molecule.map(|m| {
+        forces.push(m.force);
+        m.molecule
+    });
+    let present = [
+        "model",
+        "molecule",
+        "body",
+        "joint",
+        "initial",
+        "force",
+        "integrator",
+        "record",
+        "outputs",
+        "reference",
+    ];
     present.iter().for_each(|key| _ = scene.get(key));
     scene.finish(report);
     let (Some(settings), Some((every, checkpoint_s))) = (settings, record) else { return Err(reports) };
@@ -171,7 +204,11 @@ fn read(
     report.used.insert(0, Note::new(None, "scene", used));
     simulation.name = title.unwrap_or_else(|| name.into());
     simulation.start = start;
+    simulation.molecule = molecule;
     simulation.choice = settings.choice;
+    if let Scheme::Midpoint { .. } = simulation.choice.method {
+        simulation.dynamics.leave_out_integrals();
+    }
     simulation.tolerances = settings.tolerances;
     simulation.estimate = settings.estimate;
     simulation.every = every;

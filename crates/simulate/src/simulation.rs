@@ -1,5 +1,6 @@
 //! A simulation ready to run: mechanism, forces, start, method, and what is recorded.
 
+use crate::molecule::Molecule;
 use crate::output::{KnownValue, Output};
 use phipsi_model::{Model, State};
 use phipsi_motion::forces::JointDissipation;
@@ -99,6 +100,8 @@ pub struct Simulation {
     pub known_source: Option<String>,
     /// What was replaced by something simpler, for people.
     pub approximated: Vec<String>,
+    /// What a molecule has besides; times are then in ps and energies in kJ/mol.
+    pub molecule: Option<Molecule>,
 }
 
 impl Simulation {
@@ -144,12 +147,21 @@ impl Simulation {
             known: Vec::new(),
             known_source: None,
             approximated,
+            molecule: None,
             dynamics,
         })
     }
     /// The mechanism.
     pub fn model(&self) -> &Model {
         self.dynamics.model()
+    }
+    /// Unit of time.
+    pub fn time_unit(&self) -> &'static str {
+        if self.molecule.is_some() { "ps" } else { "s" }
+    }
+    /// Unit of energy.
+    pub fn energy_unit(&self) -> &'static str {
+        if self.molecule.is_some() { "kJ/mol" } else { "J" }
     }
     /// Number of recorded samples, the start and the end included.
     pub fn samples(&self) -> u64 {

@@ -2,13 +2,15 @@
 
 use super::checkpoint::replace;
 use crate::error::SimulateError;
-use crate::scene::Scene;
+use crate::scene::{Scene, SceneFile};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// One input of a run.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Input {
+    /// The key of the scene that names it; empty for the scene itself.
+    pub key: String,
     /// The file as the user named it.
     pub file: String,
     /// Its copy, relative to the run folder.
@@ -29,19 +31,20 @@ pub fn hash(bytes: &[u8]) -> String {
 pub fn copy(folder: &Path, scene_path: &Path, scene: &Scene) -> Result<Vec<Input>, SimulateError> {
     let target = folder.join("inputs");
     std::fs::create_dir_all(&target).map_err(|e| SimulateError::file(&target, e))?;
-    let mut inputs = vec![place(folder, scene_path, "scene.toml".into(), scene.text.as_bytes())?];
+    let mut inputs = vec![place(folder, "", scene_path, "scene.toml".into(), scene.text.as_bytes())?];
     for (i, file) in scene.files.iter().enumerate() {
-        let bytes = std::fs::read(file).map_err(|e| SimulateError::file(file, e))?;
-        let name = file.file_name().map_or("file".into(), |n| n.to_string_lossy().into_owned());
-        inputs.push(place(folder, file, format!("{i}-{name}"), &bytes)?);
+        let SceneFile { key, path } = file;
+        let bytes = std::fs::read(path).map_err(|e| SimulateError::file(path, e))?;
+        let name = path.file_name().map_or("file".into(), |n| n.to_string_lossy().into_owned());
+        inputs.push(place(folder, key, path, format!("{i}-{name}"), &bytes)?);
     }
     Ok(inputs)
 }
 
-fn place(folder: &Path, file: &Path, name: String, bytes: &[u8]) -> Result<Input, SimulateError> {
+fn place(folder: &Path, key: &str, file: &Path, name: String, bytes: &[u8]) -> Result<Input, SimulateError> {
     let copy = format!("inputs/{name}");
     replace(&folder.join(&copy), bytes)?;
-    Ok(Input { file: file.display().to_string(), copy, blake3: hash(bytes) })
+    Ok(Input { key: key.into(), file: file.display().to_string(), copy, blake3: hash(bytes) })
 }
 
 /// Reads a copy back.

@@ -1,10 +1,13 @@
 //! `run.json`: what a run was made from, what it does, and what it came to.
 
 use super::inputs::Input;
+use super::summary::short;
+use crate::drift::drift;
 use crate::level::instruction_level;
-use crate::run::Summary;
+use crate::run::{Row, Summary};
 use crate::scene::Scene;
 use crate::simulation::{Simulation, method_name};
+use phipsi_motion::Scheme;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -69,13 +72,16 @@ pub struct Plan {
     pub atol: Option<f64>,
     /// Step of a fixed one, s.
     pub step: Option<f64>,
-    /// End, s.
+    /// End.
     pub t_end: f64,
+    /// Unit of time: "s", or "ps" for a molecule.
+    pub time_unit: String,
     /// What the scene does not need.
     pub left_out: Vec<String>,
 }
 
 /// What a run came to. `None` in an optional field: the scene has no such thing, or it is not known.
+#[allow(non_snake_case)] // kelvin
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Results {
     /// Names of the moving joints in the order of v.
@@ -99,6 +105,10 @@ pub struct Results {
     pub energy_error: f64,
     /// Relative imbalances of momentum.
     pub momentum_error: Option<MomentumError>,
+    /// Straight line through the energy, for a symplectic method.
+    pub drift: Option<EnergyDrift>,
+    /// Mean temperature of a molecule, K: 2⟨kinetic energy⟩/(degrees of freedom · k).
+    pub temperature_K: Option<f64>,
     /// Residuals of closures.
     pub closure_residual: Option<Value>,
     /// Largest relative error of outputs with known values.
@@ -131,6 +141,19 @@ pub struct Estimate {
     pub evaluations: u64,
 }
 
+/// Straight line through the total energy, less work, at the recorded instants; kJ/mol and ps for molecules, else J and s.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct EnergyDrift {
+    /// Energy per time, of the whole system.
+    pub slope: f64,
+    /// Its standard error.
+    pub error: f64,
+    /// Root mean square about the line.
+    pub noise: f64,
+    /// Degrees of freedom.
+    pub degrees_of_freedom: usize,
+}
+
 /// Relative imbalances of momentum.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct MomentumError {
@@ -161,7 +184,7 @@ impl RunFile {
             title: simulation.name.clone(),
             version: env!("CARGO_PKG_VERSION").into(),
             instruction_level: instruction_level(),
-            seed: None,
+            seed: simulation.molecule.as_ref().map(|m| m.seed),
             inputs,
             overrides: scene.overrides.clone(),
             checkpoint_s: scene.checkpoint_s,
@@ -172,12 +195,12 @@ impl RunFile {
         }
     }
     /// Puts in what a run came to.
-    pub fn complete(&mut self, simulation: &Simulation, summary: &Summary) {
+    pub fn complete(&mut self, simulation: &Simulation, summary: &Summary, rows: &[Row]) {
         self.status = if summary.finished { Status::Finished } else { Status::Interrupted };
         self.error = None;
         self.warnings.retain(|w| !summary.limits.iter().any(|l| *w == l.describe()));
         self.warnings.extend(summary.limits.iter().map(|l| l.describe()));
-        self.results = Some(Results::new(simulation, summary));
+        self.results = Some(Results::new(simulation, summary, rows));
     }
     /// The value that `run --json` prints.
     pub fn to_json(&self, folder: &Path) -> Value {
@@ -209,12 +232,16 @@ impl Plan {
             atol: tolerance(simulation.tolerances.atol),
             step,
             t_end: simulation.t_end,
+            time_unit: simulation.time_unit().into(),
             left_out: simulation.left_out(),
         }
     }
     /// Method and error control in a few words.
     pub fn describe(&self) -> String {
         match (self.step, self.rtol, self.atol) {
+            (Some(step), ..) if self.time_unit == "ps" => {
+                format!("{}, step {} fs", self.method, short(1000.0 * step))
+            }
             (Some(step), ..) => format!("{}, step {step} s", self.method),
             (_, Some(rtol), Some(atol)) if rtol != atol => {
                 format!("{}, rtol {rtol:e}, atol {atol:e}", self.method)
@@ -227,7 +254,7 @@ impl Plan {
 
 impl Results {
     /// Of a run.
-    pub fn new(simulation: &Simulation, summary: &Summary) -> Self {
+    pub fn new(simulation: &Simulation, summary: &Summary, rows: &[Row]) -> Self {
         let model = simulation.model();
         Results {
             joint_names: model.moving_joints().map(|k| model.joints()[k].name.clone()).collect(),
@@ -246,6 +273,19 @@ impl Results {
             }),
             energy_error: summary.energy_error,
             momentum_error: summary.momentum_error.map(|[angular, linear]| MomentumError { linear, angular }),
+            drift: match simulation.choice.method {
+                Scheme::Midpoint { .. } => drift(rows).map(|d| EnergyDrift {
+                    slope: d.slope,
+                    error: d.error,
+                    noise: d.noise,
+                    degrees_of_freedom: model.nv(),
+                }),
+                Scheme::Explicit(_) => None,
+            },
+            temperature_K: simulation.molecule.as_ref().map(|_| {
+                let kinetic: f64 = rows.iter().map(|r| r.energy[0] / rows.len() as f64).sum();
+                phipsi_molecule::temperature(kinetic, model.nv())
+            }),
             closure_residual: None,
             reference_error: summary.reference_error,
         }

@@ -1,6 +1,6 @@
 //! The short table of a run for people, printed by the command and shown on the page.
 
-use super::results::{Results, RunFile};
+use super::results::{Results, RunFile, Status};
 
 /// Rows of the table: what, and lines about it.
 pub fn summary(file: &RunFile) -> Vec<(&'static str, Vec<String>)> {
@@ -20,9 +20,10 @@ pub fn summary(file: &RunFile) -> Vec<(&'static str, Vec<String>)> {
 fn of_results(file: &RunFile, results: &Results) -> Vec<(&'static str, Vec<String>)> {
     let plan = &file.plan;
     let Results { steps, rejected, evaluations, .. } = results;
-    let duration = match results.end.t == plan.t_end {
-        true => format!("{} s", short(plan.t_end)),
-        false => format!("{} of {} s", short(results.end.t), short(plan.t_end)),
+    let unit = &plan.time_unit;
+    let duration = match file.status {
+        Status::Finished => format!("{} {unit}", short(plan.t_end)),
+        _ => format!("{} of {} {unit}", short(results.end.t), short(plan.t_end)),
     };
     let mut rows = vec![
         ("duration", vec![duration]),
@@ -34,7 +35,26 @@ fn of_results(file: &RunFile, results: &Results) -> Vec<(&'static str, Vec<Strin
     if let Some(m) = &results.momentum_error {
         rows.push(("momentum error", vec![format!("angular {:.1e}, linear {:.1e}", m.angular, m.linear)]));
     }
-    rows.push(("estimated error", vec![estimate(results)]));
+    if let Some(kelvin) = results.temperature_K {
+        rows.push(("temperature", vec![format!("{kelvin:.0} K on average")]));
+    }
+    if let Some(d) = &results.drift {
+        let energy = if unit == "ps" { "kJ/mol" } else { "J" };
+        let each = d.slope.abs() / d.degrees_of_freedom.max(1) as f64;
+        rows.push((
+            "energy drift",
+            vec![
+                format!(
+                    "{:.1e} ± {:.0e} {energy}/{unit}, {each:.1e} per degree of freedom",
+                    d.slope, d.error
+                ),
+                format!("noise {:.2e} {energy} about the line", d.noise),
+            ],
+        ));
+    }
+    if results.drift.is_none() || results.error_estimate.is_some() {
+        rows.push(("estimated error", vec![estimate(results, unit)]));
+    }
     if let Some(e) = results.reference_error {
         rows.push(("reference error", vec![format!("{e:.1e}")]));
     }
@@ -46,12 +66,12 @@ fn of_results(file: &RunFile, results: &Results) -> Vec<(&'static str, Vec<Strin
     rows
 }
 
-fn estimate(results: &Results) -> String {
+fn estimate(results: &Results, unit: &str) -> String {
     let Some(e) = &results.error_estimate else { return "not made".into() };
     let how = format!("{}, {} evaluations", e.how, e.evaluations);
     match (e.q, e.v, e.horizon) {
         (Some(q), Some(v), _) => format!("{q:.1e} in q, {v:.1e} in v at the end ({how})"),
-        (_, _, Some(t)) => format!("small up to t = {} s, unknown after it ({how})", short(t)),
+        (_, _, Some(t)) => format!("small up to t = {} {unit}, unknown after it ({how})", short(t)),
         _ => format!("unknown ({how})"),
     }
 }

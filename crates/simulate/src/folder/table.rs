@@ -92,7 +92,15 @@ impl Columns {
         let momentum = if self.momentum { take(6) } else { vec![0.0; 6] };
         let terms = take(self.terms.len());
         let outputs = take(self.outputs.len());
-        Some(Row { t, q, v, energy: energy.try_into().ok()?, momentum: momentum.try_into().ok()?, outputs, terms })
+        Some(Row {
+            t,
+            q,
+            v,
+            energy: energy.try_into().ok()?,
+            momentum: momentum.try_into().ok()?,
+            outputs,
+            terms,
+        })
     }
 }
 

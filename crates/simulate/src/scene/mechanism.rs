@@ -1,5 +1,7 @@
 //! The mechanism of a scene: a URDF file, bodies and joints written in the scene, or both.
 
+use super::SceneFile;
+use super::molecule::MoleculeScene;
 use super::tree::{Table, Value, suggestion};
 use phipsi_formats::urdf::{Mimic, UrdfOptions, urdf_builder_file};
 use phipsi_formats::{Note, Problem, Report, joint_kind};
@@ -9,17 +11,19 @@ use phipsi_model::{
 };
 use phipsi_motion::forces::JointDissipation;
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-/// What `[model]`, `[[body]]` and `[[joint]]` give.
+/// What `[model]`, `[[body]]` and `[[joint]]`, or `[molecule]`, give.
 pub(crate) struct Mechanism {
     pub(crate) model: Model,
     /// Files that were read, besides the scene.
-    pub(crate) files: Vec<PathBuf>,
+    pub(crate) files: Vec<SceneFile>,
     /// Reports on them.
     pub(crate) reports: Vec<Report>,
     /// Speed at which dry friction is regularised.
     pub(crate) friction_speed: f64,
+    /// What a molecule has besides.
+    pub(crate) molecule: Option<MoleculeScene>,
 }
 
 /// Reads the mechanism; `None` if there are errors, in `report` or in those of the files, which are returned then.
@@ -50,7 +54,7 @@ pub(crate) fn read(
                 builder = read;
             }
             reports.push(loaded.report);
-            files.push(path);
+            files.push(SceneFile { key: "model.urdf".into(), path });
         } else if !has_bodies {
             let remedy = "add `urdf = \"…\"` to [model], or describe [[body]] and [[joint]] here";
             table.error(None, report, "no mechanism", "a URDF file or bodies", remedy);
@@ -107,7 +111,7 @@ pub(crate) fn read(
         return Err(reports);
     }
     match builder.build() {
-        Ok(model) => Ok(Mechanism { model, files, reports, friction_speed }),
+        Ok(model) => Ok(Mechanism { model, files, reports, friction_speed, molecule: None }),
         Err(errors) => {
             report.errors.extend(
                 errors

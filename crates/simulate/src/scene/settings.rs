@@ -15,9 +15,9 @@ pub(crate) struct IntegratorSettings {
     pub(crate) estimate: bool,
 }
 
-/// Start: the neutral state with the joints that `[initial]` names.
-pub(crate) fn initial(scene: &mut Table<'_>, model: &Model, report: &mut Report) -> State {
-    let mut state = State { q: model.neutral(), v: vec![0.0; model.nv()], t: 0.0 };
+/// Start: a given state with the joints that `[initial]` names.
+pub(crate) fn initial(scene: &mut Table<'_>, model: &Model, given: State, report: &mut Report) -> State {
+    let mut state = given;
     let Some(mut table) = scene.table("initial", report) else { return state };
     if let Some(q) = table.table("q", report) {
         for entry in q.rest() {
@@ -149,7 +149,8 @@ pub(crate) fn integrator(
     let choice = match (word, step) {
         ("rk4", Some(step)) => Choice::asked(Method::Rk4 { step }),
         ("midpoint", Some(step)) => {
-            let why = if molecule { "symplectic and reversible: the energy does not drift" } else { "asked for" };
+            let why =
+                if molecule { "symplectic and reversible: the energy does not drift" } else { "asked for" };
             Choice { method: Scheme::Midpoint { step }, why: why.into() }
         }
         ("rk4" | "midpoint", None) => {

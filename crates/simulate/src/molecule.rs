@@ -1,0 +1,132 @@
+//! What a scene of a molecule has besides its mechanism: atoms, their positions, backbone angles, a drawing.
+
+use crate::page::{Drawing, DrawnBody};
+use crate::run::Row;
+use phipsi_molecule::TorsionModel;
+use phipsi_recursion::{DynamicsError, Kinematics};
+use phipsi_spatial::{Quaternion, Vec3};
+use std::sync::Arc;
+
+/// A molecule, or several.
+#[derive(Clone)]
+pub struct Molecule {
+    /// Clusters and hinges.
+    pub torsion: Arc<TorsionModel>,
+    /// Backbone angles: name and the four atoms.
+    pub backbone: Vec<(String, [usize; 4])>,
+    /// Seed of the velocities.
+    pub seed: u64,
+}
+
+impl Molecule {
+    /// With the backbone angles φ and ψ that the atoms' names tell.
+    pub fn new(torsion: Arc<TorsionModel>, seed: u64) -> Self {
+        Molecule { backbone: backbone_angles(&torsion), torsion, seed }
+    }
+    /// Positions of all atoms at a recorded instant, nm.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Shape`].
+    pub fn positions(&self, q: &[f64]) -> Result<Vec<[f64; 3]>, DynamicsError> {
+        Ok(self.torsion.positions(q)?.into_iter().map(|p| p.0).collect())
+    }
+    /// Backbone angles at the recorded instants, degrees: for each angle its name and (t, angle).
+    pub fn backbone_series(&self, rows: &[Row]) -> Vec<(String, Vec<(f64, f64)>)> {
+        let mut series: Vec<(String, Vec<(f64, f64)>)> =
+            self.backbone.iter().map(|(name, _)| (name.clone(), Vec::with_capacity(rows.len()))).collect();
+        for row in rows {
+            // Rows are states of this model.
+            let Ok(positions) = self.torsion.positions(&row.q) else { continue };
+            for ((_, points), (_, atoms)) in series.iter_mut().zip(&self.backbone) {
+                points.push((row.t, dihedral(atoms.map(|a| positions[a])).to_degrees()));
+            }
+        }
+        series
+    }
+    /// Clusters as bodies, bonds as lines.
+    pub fn drawing(&self, rows: &[&Row]) -> Drawing {
+        let torsion = &self.torsion;
+        let (model, layout, atoms) = (torsion.model(), torsion.layout(), torsion.atoms());
+        let mut kinematics = Kinematics::new(layout);
+        let neutral = model.neutral::<f64>();
+        let mut bodies: Vec<DrawnBody> = Vec::with_capacity(model.len());
+        if kinematics.set_position(layout, &neutral).is_err() {
+            return Drawing::default();
+        }
+        let Ok(positions) = torsion.positions(&neutral) else { return Drawing::default() };
+        let mut lines = vec![Vec::new(); model.len()];
+        let body_of = |atom: usize| torsion.body_of_cluster(torsion.clusters().cluster_of[atom]);
+        for &[i, j] in &atoms.bonds {
+            let body = body_of(i);
+            let pose = kinematics.pose(layout, Some(body));
+            let own = [i, j]
+                .map(|a| pose.rotation.transpose_mul(positions[a] - pose.translation).0.map(|x| x as f32));
+            lines[body].push(own);
+        }
+        for (body, lines) in model.bodies().iter().zip(lines) {
+            bodies.push(DrawnBody {
+                name: body.name.clone(),
+                lines,
+                center: body.inertia.frame.translation.map(|x| x as f32),
+                mass: body.inertia.mass as f32,
+                ..DrawnBody::default()
+            });
+        }
+        let mut drawing = Drawing { bodies, times: Vec::new(), poses: Vec::new(), unit: "nm".into() };
+        for row in rows {
+            if kinematics.set_position(layout, &row.q).is_err() {
+                continue;
+            }
+            drawing.times.push(row.t);
+            for k in 0..model.len() {
+                let pose = kinematics.pose(layout, Some(k));
+                let (Vec3(p), Quaternion(r)) = (pose.translation, Quaternion::from_rotation(&pose.rotation));
+                drawing.poses.extend(p.iter().chain(&r).map(|x| *x as f32));
+            }
+        }
+        drawing
+    }
+}
+
+/// φ (C–N–CA–C) and ψ (N–CA–C–N) of every residue whose atoms are there.
+fn backbone_angles(torsion: &TorsionModel) -> Vec<(String, [usize; 4])> {
+    let atoms = torsion.atoms();
+    let neighbors = atoms.neighbors();
+    let name = |a: usize| atoms.names.get(a).map_or("", |n| n.atom.as_str());
+    let bonded =
+        |a: usize, to: &str, but: usize| neighbors[a].iter().copied().find(|&b| b != but && name(b) == to);
+    let mut angles = Vec::new();
+    for alpha in (0..atoms.len()).filter(|&a| name(a) == "CA") {
+        let residue = &atoms.names[alpha].residue;
+        let (Some(n), Some(c)) = (bonded(alpha, "N", alpha), bonded(alpha, "C", alpha)) else { continue };
+        if let Some(before) = bonded(n, "C", alpha) {
+            angles.push((format!("{residue} backbone_phi"), [before, n, alpha, c]));
+        }
+        if let Some(after) = bonded(c, "N", alpha) {
+            angles.push((format!("{residue} backbone_psi"), [n, alpha, c, after]));
+        }
+    }
+    angles
+}
+
+/// The torsion of four points, rad, IUPAC: π for trans.
+fn dihedral([a, b, c, d]: [Vec3<f64>; 4]) -> f64 {
+    let (u, v, w) = (b - a, c - b, d - c);
+    let (m, n) = (u.cross(v), v.cross(w));
+    (v.norm() * u.dot(n)).atan2(m.dot(n))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn torsions_have_the_sign_of_iupac() {
+        let at = |x: f64, y: f64, z: f64| Vec3([x, y, z]);
+        // Looking along b → c (z), d is turned clockwise by 90° from a: +90°.
+        let four = [at(1.0, 0.0, 0.0), at(0.0, 0.0, 0.0), at(0.0, 0.0, 1.0), at(0.0, 1.0, 1.0)];
+        assert!((dihedral(four).to_degrees() - 90.0).abs() < 1e-12);
+        let trans = [at(1.0, 0.0, 0.0), at(0.0, 0.0, 0.0), at(0.0, 0.0, 1.0), at(-1.0, 0.0, 1.0)];
+        assert!((dihedral(trans).abs() - std::f64::consts::PI).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,301 @@
+//! `[molecule]`: a PDB file and an OpenMM System as a torsion model with its force field.
+
+use super::SceneFile;
+use super::mechanism::Mechanism;
+use super::tree::{Node, Table, Value, suggestion};
+use crate::molecule::Molecule;
+use phipsi_formats::system::SystemOptions;
+use phipsi_formats::{Note, Problem, Report};
+use phipsi_model::State;
+use phipsi_molecule::{
+    BondKind, Clustering, Clusters, Deviates, ForceField, Hinges, MinimizeOptions, MolecularForces,
+    MoleculeErrors, PotentialForce, TorsionModel, draw_velocities, read_molecule, satisfied_constraints,
+    strain,
+};
+use phipsi_motion::Force;
+use phipsi_motion::forces::JointDissipation;
+use phipsi_recursion::ArticulatedSweep;
+use phipsi_recursion::articulated_sweep::SolveWorkspace;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Largest generalised force after minimisation, kJ/mol/rad or kJ/mol/nm, where a scene does not say.
+const MINIMIZED: f64 = 0.01;
+
+/// What a molecule has besides its model.
+pub(crate) struct MoleculeScene {
+    pub(crate) molecule: Molecule,
+    pub(crate) force: Box<dyn Force>,
+    pub(crate) start: State,
+}
+
+/// Reads the molecule.
+pub(crate) fn read(
+    scene: &mut Table<'_>,
+    folder: &Path,
+    report: &mut Report,
+) -> Result<Mechanism, Vec<Report>> {
+    let Some(mut table) = scene.table("molecule", report) else { return Err(Vec::new()) };
+    let pdb = table.required_text("pdb", report).map(|p| folder.join(p));
+    let system = table.required_text("system", report).map(|p| folder.join(p));
+    let ignore = texts(&mut table, "ignore", report);
+    let clustering = clustering(&mut table, report);
+    let temperature = table.positive("temperature_K", true, report);
+    let seed = seed(&mut table, report);
+    let minimize = minimize(&mut table, report);
+    table.finish(report);
+    let (Some(pdb), Some(system)) = (pdb, system) else { return Err(Vec::new()) };
+    let loaded = read_molecule(&pdb, &system, &SystemOptions { ignore });
+    let reports = loaded.reports.to_vec();
+    let Some(read) = loaded.value else { return Err(reports) };
+    if !report.errors.is_empty() {
+        return Err(reports);
+    }
+    let refuse = |report: &mut Report, errors: MoleculeErrors| {
+        report
+            .errors
+            .extend(errors.0.into_iter().map(|e| Problem::new(None, e.place, e.found, e.required, e.remedy)));
+    };
+    let built = Clusters::new(&read.atoms, &read.positions, &clustering).and_then(|clusters| {
+        let kept = satisfied_constraints(&read.atoms, &clusters, &read.system)?;
+        Ok((TorsionModel::new(&read.atoms, &read.positions, clusters)?, kept))
+    });
+    let (torsion, kept) = match built {
+        Ok(built) => built,
+        Err(errors) => {
+            refuse(report, errors);
+            return Err(reports);
+        }
+    };
+    let field = match ForceField::new(&read.system) {
+        Ok(field) => field,
+        Err(e) => {
+            report.errors.push(Problem::new(
+                None,
+                format!("force `{}`", e.force),
+                e.found,
+                e.required,
+                "correct the System",
+            ));
+            return Err(reports);
+        }
+    };
+    note_clusters(&torsion, kept, report);
+    let torsion = Arc::new(torsion);
+    let mut forces = MolecularForces::new(torsion.clone(), field);
+    let model = torsion.model().clone();
+    let mut start = State { q: model.neutral(), v: vec![0.0; model.nv()], t: 0.0 };
+    if !look_at_start(&mut forces, &mut start, minimize, report) {
+        return Err(reports);
+    }
+    if let Some(temperature) = temperature {
+        match ArticulatedSweep::new(torsion.layout(), &start.q) {
+            Ok(factors) => {
+                let mut workspace = SolveWorkspace::new(torsion.layout());
+                let mut deviates = Deviates::new(seed);
+                let layout = torsion.layout();
+                draw_velocities(layout, &factors, temperature, &mut deviates, &mut workspace, &mut start.v);
+            }
+            Err(e) => {
+                let remedy = "keep the named hinge rigid";
+                report.errors.push(Problem::new(
+                    None,
+                    "molecule",
+                    e.to_string(),
+                    "a regular mass matrix",
+                    remedy,
+                ));
+                return Err(reports);
+            }
+        }
+    }
+    let files = vec![
+        SceneFile { key: "molecule.pdb".into(), path: pdb },
+        SceneFile { key: "molecule.system".into(), path: system },
+    ];
+    let molecule = Molecule::new(torsion, seed);
+    let force = Box::new(PotentialForce::new("force field", forces));
+    let molecule = Some(MoleculeScene { molecule, force, start });
+    Ok(Mechanism { model, files, reports, friction_speed: JointDissipation::SPEED, molecule })
+}
+
+/// A strained start is told, and minimisation made where it was asked for; false where there is no start.
+fn look_at_start(
+    forces: &mut MolecularForces<ForceField>,
+    start: &mut State,
+    minimize: Option<f64>,
+    report: &mut Report,
+) -> bool {
+    let failed = |report: &mut Report, e: &dyn std::fmt::Display| {
+        let remedy = "move the atoms apart, or correct the files";
+        report.errors.push(Problem::new(
+            None,
+            "force field",
+            e.to_string(),
+            "finite forces at the start",
+            remedy,
+        ));
+        false
+    };
+    let found = match strain(forces, &start.q) {
+        Ok(found) => found,
+        Err(e) => return failed(report, &e),
+    };
+    if let Some(strain) = &found {
+        let place = format!("atom {}", strain.atom);
+        let required = "a start near equilibrium";
+        let remedy =
+            if minimize.is_some() { "it is minimised first" } else { "set `minimize = true` in [molecule]" };
+        report.warnings.push(Problem::new(None, place, strain.to_string(), required, remedy));
+    }
+    let Some(largest_force) = minimize else { return true };
+    let options = MinimizeOptions { largest_force, ..MinimizeOptions::default() };
+    match phipsi_molecule::minimize(forces, &start.q, &options) {
+        Ok((minimum, _)) => {
+            let what = format!(
+                "minimised in {} evaluations to {:.6} kJ/mol, largest generalised force {:.1e} (joint {})",
+                minimum.evaluations, minimum.energy, minimum.largest_force, minimum.joint
+            );
+            report.used.push(Note::new(None, "start", what));
+            if !minimum.converged {
+                let found = format!("a largest generalised force of {:.1e}", minimum.largest_force);
+                let required = format!("at most {largest_force:e} kJ/mol (per rad or nm)");
+                let remedy = "raise the value of `minimize`, or start from other positions";
+                report.warnings.push(Problem::new(None, "minimisation", found, required, remedy));
+            }
+            start.q = minimum.q;
+            true
+        }
+        Err(e) => failed(report, &e),
+    }
+}
+
+fn note_clusters(torsion: &TorsionModel, kept: usize, report: &mut Report) {
+    let clusters = torsion.clusters();
+    let mut what = format!(
+        "{} atoms in {} rigid clusters, {} hinges, {} degrees of freedom",
+        torsion.atoms().len(),
+        clusters.clusters.len(),
+        clusters.hinges.len(),
+        torsion.degrees_of_freedom()
+    );
+    if kept > 0 {
+        what += &format!("; {kept} constraints of the System are satisfied by the clusters");
+    }
+    report.used.push(Note::new(None, "molecule", what));
+    for locked in &clusters.locked {
+        let place = format!("hinge {}", torsion.atoms().bond_label(locked.atoms));
+        report.approximated.push(Note::new(None, place, format!("locked: {}", locked.why)));
+    }
+}
+
+/// `rigid`: kinds of bonds, or groups of atoms; `hinges`: a list of bonds.
+fn clustering(table: &mut Table<'_>, report: &mut Report) -> Clustering {
+    let mut clustering = Clustering::default();
+    if let Some(word) = table.text("clusters", report)
+        && word != "torsion"
+    {
+        let node = table.get("clusters");
+        let found = format!("clusters = {word:?}");
+        table.error(node, report, found, "\"torsion\"", "use `rigid` and `hinges` to divide otherwise");
+    }
+    for word in texts(table, "rigid", report) {
+        match BondKind::from_word(&word) {
+            Some(kind) => clustering.rigid.push(kind),
+            None => {
+                let node = table.get("rigid");
+                let words: Vec<&str> = BondKind::ALL.iter().map(|k| k.word()).collect();
+                let required = format!("kinds of bonds: {}", words.join(", "));
+                table.error(
+                    node,
+                    report,
+                    format!("rigid = [… {word:?} …]"),
+                    required,
+                    suggestion(&word, &words),
+                );
+            }
+        }
+    }
+    if let Some(bonds) = index_lists(table, "hinges", report) {
+        let pairs: Option<Vec<[usize; 2]>> =
+            bonds.into_iter().map(|b| <[usize; 2]>::try_from(b).ok()).collect();
+        match pairs {
+            Some(pairs) => clustering.hinges = Hinges::Bonds(pairs),
+            None => {
+                let node = table.get("hinges");
+                table.error(
+                    node,
+                    report,
+                    "`hinges` with other lists than pairs",
+                    "[[i, j], …]",
+                    "correct `hinges`",
+                );
+            }
+        }
+    }
+    if let Some(groups) = index_lists(table, "groups", report) {
+        clustering.groups = groups;
+    }
+    clustering
+}
+
+/// Lists of atom indices, from 0.
+fn index_lists(table: &mut Table<'_>, key: &'static str, report: &mut Report) -> Option<Vec<Vec<usize>>> {
+    let node = table.get(key)?;
+    let index = |n: &Node| match n.value {
+        Value::Integer(i) => usize::try_from(i).ok(),
+        _ => None,
+    };
+    let inner = |n: &Node| match &n.value {
+        Value::List(items) => items.iter().map(index).collect::<Option<Vec<usize>>>(),
+        _ => None,
+    };
+    let lists = match &node.value {
+        Value::List(items) => items.iter().map(inner).collect::<Option<Vec<_>>>(),
+        _ => None,
+    };
+    if lists.is_none() {
+        let found = format!("{key} = {}", node.value.describe());
+        table.error(Some(node), report, found, "lists of atom indices, from 0", format!("correct `{key}`"));
+    }
+    lists
+}
+
+/// A list of texts; empty where the key is missing.
+fn texts(table: &mut Table<'_>, key: &'static str, report: &mut Report) -> Vec<String> {
+    let Some(node) = table.get(key) else { return Vec::new() };
+    let text = |n: &Node| match &n.value {
+        Value::Text(s) => Some(s.clone()),
+        _ => None,
+    };
+    let list = match &node.value {
+        Value::List(items) => items.iter().map(text).collect::<Option<Vec<String>>>(),
+        _ => None,
+    };
+    list.unwrap_or_else(|| {
+        let found = format!("{key} = {}", node.value.describe());
+        table.error(Some(node), report, found, "texts in brackets", format!("correct `{key}`"));
+        Vec::new()
+    })
+}
+
+fn seed(table: &mut Table<'_>, report: &mut Report) -> u64 {
+    let Some(node) = table.get("seed") else { return 0 };
+    match node.value {
+        Value::Integer(i) if i >= 0 => i as u64,
+        _ => {
+            let found = format!("seed = {}", node.value.describe());
+            table.error(Some(node), report, found, "a whole number, at least 0", "correct `seed`");
+            0
+        }
+    }
+}
+
+/// `minimize = true`, or the largest generalised force to reach.
+fn minimize(table: &mut Table<'_>, report: &mut Report) -> Option<f64> {
+    let node = table.get("minimize")?;
+    match node.value {
+        Value::Flag(on) => on.then_some(MINIMIZED),
+        _ => table.positive("minimize", false, report),
+    }
+}

@@ -1,0 +1,114 @@
+//! Scenes of molecules: what they mean, and what is said of wrong ones.
+
+use phipsi_formats::{Problem, Report};
+use phipsi_simulate::scene::{Scene, parse};
+use phipsi_simulate::{Recording, Row, SimulateError, Summary, run};
+use std::path::{Path, PathBuf};
+
+const SCENE: &str = r#"
+[molecule]
+pdb = "ala_dipeptide.pdb"
+system = "ala_dipeptide.xml"
+temperature_K = 300
+seed = 1
+[integrator]
+t_end = 0.4
+step_fs = 4
+[record]
+every = 0.02
+"#;
+
+fn examples() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples")
+}
+
+fn scene(text: &str) -> Result<Scene, SimulateError> {
+    parse(text.into(), "test", "test.toml", &examples(), &[])
+}
+
+fn reports(text: &str) -> Vec<Report> {
+    match scene(text) {
+        Ok(_) => panic!("accepted: {text}"),
+        Err(SimulateError::Scene(reports)) => reports,
+        Err(e) => panic!("{e}"),
+    }
+}
+
+fn error(old: &str, new: &str) -> Problem {
+    assert!(SCENE.contains(old));
+    let found: Vec<Problem> = reports(&SCENE.replace(old, new)).into_iter().flat_map(|r| r.errors).collect();
+    assert_eq!(found.len(), 1, "{found:?}");
+    found[0].clone()
+}
+
+fn rows(text: &str) -> (Vec<Row>, Summary) {
+    let mut scene = scene(text).unwrap();
+    let mut recording = Recording::default();
+    let summary = run(&mut scene.simulation, &mut recording).unwrap();
+    (recording.rows, summary)
+}
+
+#[test]
+fn torsion_dynamics_of_alanine_dipeptide() {
+    let loaded = scene(SCENE).unwrap();
+    assert_eq!(loaded.simulation.model().nv(), 13);
+    let molecule = loaded.simulation.molecule.as_ref().unwrap();
+    assert_eq!(molecule.torsion.clusters().clusters.len(), 8);
+    let names: Vec<&str> = molecule.backbone.iter().map(|(n, _)| n.as_str()).collect();
+    assert_eq!(names, ["ALA2 backbone_phi", "ALA2 backbone_psi"]);
+    let (rows, summary) = rows(SCENE);
+    assert_eq!(rows.len(), 21);
+    assert_eq!((summary.steps, summary.evaluations), (100, 101));
+    for row in &rows {
+        // The same numbers, summed in another order.
+        let terms: f64 = row.terms.iter().sum();
+        let size: f64 = row.terms.iter().map(|e| e.abs()).sum();
+        assert!((terms - row.energy[1]).abs() <= 8.0 * f64::EPSILON * size);
+        assert_eq!(row.energy[2], 0.0);
+        // Bonds and angles are rigid: these terms stay what they were, to the rounding of the positions.
+        for i in [0, 3] {
+            assert!((row.terms[i] - rows[0].terms[i]).abs() < 1e-9, "{:?}", row.terms);
+        }
+    }
+    // The noise of this method at 4 fs is hundredths of kJ/mol; a wrong force would cost whole ones.
+    let energy = |r: &Row| r.energy[0] + r.energy[1];
+    assert!(rows.iter().all(|r| (energy(r) - energy(&rows[0])).abs() < 0.1));
+    let [_, linear] = summary.momentum_error.unwrap();
+    assert!(linear < 1e-12, "{linear}");
+}
+
+#[test]
+fn a_seed_makes_the_same_run_and_another_one_another() {
+    assert_eq!(rows(SCENE).0, rows(SCENE).0);
+    assert_ne!(rows(SCENE).0[0].v, rows(&SCENE.replace("seed = 1", "seed = 2")).0[0].v);
+}
+
+#[test]
+fn kinds_of_bonds_stay_rigid_and_minimising_lowers_the_energy() {
+    let rigid = SCENE.replace("seed = 1", "rigid = [\"omega\", \"planar\", \"methyl\"]");
+    assert_eq!(scene(&rigid).unwrap().simulation.model().nv(), 8);
+    let minimized = SCENE.replace("seed = 1", "minimize = true").replace("temperature_K = 300\n", "");
+    let loaded = scene(&minimized).unwrap();
+    assert!(loaded.reports[0].used.iter().any(|n| n.what.contains("minimised in")));
+    let (start, (rest, _)) = (rows(SCENE).0, rows(&minimized));
+    assert!(rest[0].energy[1] <= start[0].energy[1]);
+    assert!(rest.iter().all(|r| r.energy[0] < 1e-4), "it stays at the minimum");
+}
+
+#[test]
+fn wrong_molecules_say_what_is_required() {
+    assert!(error("ala_dipeptide.pdb", "nothing.pdb").found.contains("No such file"));
+    assert!(error("pdb = \"ala_dipeptide.pdb\"\n", "").found.contains("no `pdb`"));
+    let e = error("seed = 1", "rigid = [\"methil\"]");
+    assert_eq!((e.line, e.remedy.as_str()), (Some(6), "did you mean `methyl`?"));
+    assert_eq!(error("seed = 1", "sead = 1").remedy, "did you mean `seed`?");
+    assert!(error("seed = 1", "seed = -1").required.contains("at least 0"));
+    assert!(error("seed = 1", "hinges = [[0, 1, 2]]").required.contains("[[i, j]"));
+    assert!(error("step_fs = 4\n", "").remedy.contains("step_fs"));
+    assert!(error("t_end = 0.4", "t_end = 0.401").required.contains("whole number of steps"));
+    // A molecule of another System: the first atom that does not fit is named.
+    let mut other =
+        reports(&SCENE.replace("ala_dipeptide.pdb", "../validation/data/molecules/butane/butane.pdb"));
+    let problem = other.iter_mut().flat_map(|r| r.errors.drain(..)).next().unwrap();
+    assert!(problem.found.contains("14 atoms") && problem.found.contains("22"), "{problem:?}");
+}
