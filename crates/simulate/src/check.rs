@@ -3,12 +3,15 @@
 use crate::error::SimulateError;
 use crate::folder::results::Plan;
 use crate::scene;
+use phipsi_formats::pdb::read_pdb_file;
+use phipsi_formats::system::{System, SystemOptions, read_system_file};
 use phipsi_formats::urdf::{UrdfOptions, read_urdf_file};
-use phipsi_formats::{Note, Problem, Report};
+use phipsi_formats::{Loaded, Note, Problem, Report};
 use phipsi_model::Model;
 use phipsi_recursion::singular_hinges;
 use serde_json::{Value, json};
 use std::fmt;
+use std::io::Read;
 use std::path::Path;
 
 /// The result of a check.
@@ -20,6 +23,8 @@ pub struct Checked {
     pub reports: Vec<Report>,
     /// What it holds, where it can be used.
     pub contents: Option<Contents>,
+    /// True for a file that is used, but is no model by itself: a PDB, a System.
+    pub is_part: bool,
 }
 
 /// A model in numbers, and what a scene does with it.
@@ -55,16 +60,21 @@ impl Contents {
     }
 }
 
-/// Checks a URDF model (`.urdf`, `.xml`) or a scene (`.toml`).
+/// Checks a URDF model (`.urdf`, `.xml`), a scene (`.toml`), or a part of a molecule (`.pdb`; `.xml`: an OpenMM System).
 pub fn check_file(path: &Path) -> Checked {
     let file = path.display().to_string();
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     match extension.as_deref() {
         Some("toml") => check_scene(path, file),
+        Some("pdb" | "ent") => check_part(file, read_pdb_file(path), |_| None),
+        Some("xml") if is_system(path) => {
+            check_part(file, read_system_file(path, &SystemOptions::default()), describe_system)
+        }
         Some("urdf" | "xml") => check_urdf(path, file),
         _ => {
             let mut report = Report::new(&file);
-            let required = "a URDF model (.urdf, .xml) or a scene (.toml)";
+            let required =
+                "a URDF model (.urdf), a scene (.toml), a PDB file (.pdb) or an OpenMM System (.xml)";
             report.errors.push(Problem::new(
                 None,
                 "file",
@@ -72,7 +82,7 @@ pub fn check_file(path: &Path) -> Checked {
                 required,
                 "rename the file",
             ));
-            Checked { file, reports: vec![report], contents: None }
+            Checked { file, reports: vec![report], contents: None, is_part: false }
         }
     }
 }
@@ -82,9 +92,9 @@ fn check_scene(path: &Path, file: String) -> Checked {
         Ok(scene) => {
             let plan = Plan::new(&scene.simulation);
             let contents = Some(Contents::new(scene.simulation.model(), Some(plan)));
-            Checked { file, reports: scene.reports, contents }
+            Checked { file, reports: scene.reports, contents, is_part: false }
         }
-        Err(SimulateError::Scene(reports)) => Checked { file, reports, contents: None },
+        Err(SimulateError::Scene(reports)) => Checked { file, reports, contents: None, is_part: false },
         Err(e) => {
             let mut report = Report::new(&file);
             report.errors.push(Problem::new(
@@ -94,7 +104,7 @@ fn check_scene(path: &Path, file: String) -> Checked {
                 "a scene that can run",
                 "correct it",
             ));
-            Checked { file, reports: vec![report], contents: None }
+            Checked { file, reports: vec![report], contents: None, is_part: false }
         }
     }
 }
@@ -116,13 +126,35 @@ fn check_urdf(path: &Path, file: String) -> Checked {
         Contents::new(&model, None)
     });
     let contents = if report.errors.is_empty() { contents } else { None };
-    Checked { file, reports: vec![report], contents }
+    Checked { file, reports: vec![report], contents, is_part: false }
+}
+
+/// A file that is a part of a molecule.
+fn check_part<T>(file: String, loaded: Loaded<T>, describe: impl Fn(&T) -> Option<String>) -> Checked {
+    let mut report = loaded.report;
+    if let Some(what) = loaded.value.as_ref().and_then(describe) {
+        report.used.insert(0, Note::new(None, "file", what));
+    }
+    Checked { file, reports: vec![report], contents: None, is_part: loaded.value.is_some() }
+}
+
+fn describe_system(system: &System) -> Option<String> {
+    let forces: Vec<&str> = system.forces.iter().map(|f| f.name.as_str()).collect();
+    let mass: f64 = system.masses.iter().sum();
+    Some(format!("{mass:.3} Da, {} constraints; forces: {}", system.constraints.len(), forces.join(", ")))
+}
+
+/// True if the beginning of an XML file is that of an OpenMM System.
+fn is_system(path: &Path) -> bool {
+    let mut start = Vec::new();
+    let read = std::fs::File::open(path).and_then(|f| f.take(4096).read_to_end(&mut start));
+    read.is_ok() && String::from_utf8_lossy(&start).contains("<System")
 }
 
 impl Checked {
     /// True if the file can be used; where `strict`, without warnings.
     pub fn is_ok(&self, strict: bool) -> bool {
-        self.contents.is_some() && self.reports.iter().all(|r| r.is_ok(strict))
+        (self.contents.is_some() || self.is_part) && self.reports.iter().all(|r| r.is_ok(strict))
     }
     /// The check as JSON.
     pub fn to_json(&self) -> Value {
@@ -149,7 +181,7 @@ impl Checked {
             json!({"name": c.name, "bodies": c.bodies, "nq": c.nq, "nv": c.nv, "joint_names": c.joint_names,
                    "total_mass": c.total_mass, "plan": c.plan})
         });
-        json!({"file": self.file, "usable": self.contents.is_some(), "contents": contents, "reports": reports})
+        json!({"file": self.file, "usable": self.is_ok(false), "contents": contents, "reports": reports})
     }
 }
 
@@ -159,10 +191,11 @@ impl fmt::Display for Checked {
             write!(f, "{report}")?;
         }
         let Some(c) = &self.contents else { return Ok(()) };
+        let unit = if c.plan.as_ref().is_some_and(|p| p.time_unit == "ps") { "Da" } else { "kg" };
         writeln!(
             f,
-            "model `{}`: {} bodies, {} degrees of freedom, {} kg",
-            c.name, c.bodies, c.nv, c.total_mass
+            "model `{}`: {} bodies, {} degrees of freedom, {} {}",
+            c.name, c.bodies, c.nv, c.total_mass, unit
         )?;
         writeln!(f, "joints: {}", c.joint_names.join(", "))?;
         if let Some(plan) = &c.plan {
