@@ -3,7 +3,7 @@
 //! | what | from |
 //! |---|---|
 //! | masses | the System |
-//! | names, elements, positions | the PDB file |
+//! | names, elements, positions | the PDB file; an element that it does not give: by the mass |
 //! | bonds | springs (HarmonicBondForce) and constraints of the System, CONECT of the PDB; none is guessed from distances |
 //!
 //! Springs between atoms that share a neighbour are no bonds where they are 1.2 times as long as both bonds to it
@@ -11,6 +11,7 @@
 //! (restraints).
 
 use crate::atoms::{AtomName, Atoms, MoleculeError, MoleculeErrors};
+use crate::masses::{element_of_mass, misfits, weight};
 use phipsi_formats::pdb::{Pdb, PdbAtom, atomic_number};
 use phipsi_formats::system::{ForceKind, System};
 use phipsi_spatial::Vec3;
@@ -21,9 +22,6 @@ const SPAN: f64 = 1.2;
 
 /// A spring longer than this, nm, is a restraint.
 const LONGEST_BOND: f64 = 0.3;
-
-/// Hydrogens made heavier at their neighbours' cost have up to four times their mass, Da.
-const HEAVIEST_HYDROGEN: f64 = 5.0;
 
 /// Most problems that are named.
 const MOST_NAMED: usize = 10;
@@ -55,27 +53,6 @@ pub fn assemble(pdb: &Pdb, system: &System) -> Result<Assembled, MoleculeErrors>
             "write both files from the same topology: hydrogens and water are often missing in the PDB file",
         )]));
     }
-    let mut errors = Vec::new();
-    for (atom, &mass) in pdb.atoms.iter().zip(&system.masses) {
-        let Some(number) = atomic_number(&atom.element) else { continue };
-        // A particle without mass does not move, and the model says so.
-        let light = if number == 1 { 0.0 } else { 2.0 };
-        let heavy = if number == 1 { HEAVIEST_HYDROGEN } else { heaviest(number) };
-        if mass != 0.0 && !(light..=heavy).contains(&mass) && errors.len() < MOST_NAMED {
-            errors.push(MoleculeError::new(
-                format!("atom {}", label(atom)),
-                format!(
-                    "element {} in line {} of the PDB file, but a mass of {mass} Da",
-                    atom.element, atom.line
-                ),
-                "a mass of this element",
-                "write both files from the same topology, so that the order of atoms is the same",
-            ));
-        }
-    }
-    if !errors.is_empty() {
-        return Err(MoleculeErrors(errors));
-    }
     // Chains are named only where there are several.
     let several = pdb.atoms.iter().any(|a| a.chain != pdb.atoms[0].chain);
     let names = pdb.atoms.iter().map(|a| AtomName {
@@ -83,13 +60,20 @@ pub fn assemble(pdb: &Pdb, system: &System) -> Result<Assembled, MoleculeErrors>
         residue: residue(a),
         atom: a.name.clone(),
     });
-    let elements = pdb.atoms.iter().map(|a| atomic_number(&a.element).unwrap_or(0));
+    let element =
+        |(a, &mass): (&PdbAtom, &f64)| atomic_number(&a.element).unwrap_or_else(|| element_of_mass(mass));
+    let elements = pdb.atoms.iter().zip(&system.masses).map(element);
     let atoms = Atoms {
         masses: system.masses.clone(),
         elements: elements.collect(),
         bonds: bonds(pdb, system),
         names: names.collect(),
     };
+    let misfits = misfits(&atoms);
+    if !misfits.is_empty() {
+        let error = |&i: &usize| misfit(&atoms, &pdb.atoms[i], i);
+        return Err(MoleculeErrors(misfits.iter().take(MOST_NAMED).map(error).collect()));
+    }
     Ok(Assembled { atoms, positions: pdb.atoms.iter().map(|a| Vec3(a.position)).collect() })
 }
 
@@ -101,9 +85,15 @@ fn label(atom: &PdbAtom) -> String {
     format!("{}:{}", residue(atom), atom.name)
 }
 
-/// An upper bound of an element's mass, Da: 2.6 Z + 3 lies above every stable isotope beyond hydrogen.
-fn heaviest(number: u8) -> f64 {
-    2.6 * f64::from(number) + 3.0
+fn misfit(atoms: &Atoms, atom: &PdbAtom, i: usize) -> MoleculeError {
+    let line = if atom.line > 0 { format!(" in line {} of the PDB file", atom.line) } else { String::new() };
+    let element = &atom.element;
+    MoleculeError::new(
+        format!("atom {}", atoms.label(i)),
+        format!("element {element}{line}, but a mass of {} Da in the System", atoms.masses[i]),
+        format!("{} Da, the mass of {element}", weight(atoms.elements[i]).unwrap_or_default()),
+        "write both files from one topology, so that the order of atoms is the same",
+    )
 }
 
 fn bonds(pdb: &Pdb, system: &System) -> Vec<[usize; 2]> {

@@ -12,6 +12,7 @@ pub mod deviates;
 pub mod files;
 pub mod force_field;
 pub mod lbfgs;
+mod masses;
 pub mod minimize;
 pub mod molecular_forces;
 pub mod potential;
