@@ -10,6 +10,11 @@ import phipsi
 
 ARM = Path(__file__).with_name("arm.urdf")
 
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+#: Alanine dipeptide: PDB and System.
+MOLECULE = (EXAMPLES / "ala_dipeptide.pdb", EXAMPLES / "ala_dipeptide.xml")
+
 EPSILON = float(np.finfo(float).eps)
 
 _INERTIAL = (

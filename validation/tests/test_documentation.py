@@ -13,7 +13,7 @@ import pytest
 
 import phipsi
 
-from .common import ARM
+from .common import ARM, MOLECULE
 
 PACKAGE = Path(phipsi.__file__).parent
 
@@ -24,7 +24,7 @@ RETURNED = {"ForwardInfo", "Note", "Problem", "Report", "RunError", "State", "Tr
 def public_objects():
     """(dotted name, object) of every public class, function, method and property."""
     found = []
-    places = [("phipsi", phipsi), ("phipsi.interop", phipsi.interop), ("phipsi.errors", phipsi.errors)]
+    places = [("phipsi", phipsi), ("phipsi.interop", phipsi.interop), ("phipsi.errors", phipsi.errors), ("phipsi.molecule", phipsi.molecule)]
     for prefix, module in places:
         for name in module.__all__:
             thing = getattr(module, name)
@@ -59,16 +59,21 @@ def test_docstring(name):
         assert ">>>" in text, f"{name} has no example"
 
 
+#: Modules whose docstrings have examples.
+MODULES = {"phipsi": phipsi, "phipsi.interop": phipsi.interop, "phipsi.molecule": phipsi.molecule}
+
+
 def example_names():
     documented = [name for name, thing in OBJECTS.items() if ">>>" in (inspect.getdoc(thing) or "")]
-    return [*documented, "phipsi", "phipsi.interop"]
+    return [*documented, *MODULES]
 
 
 @pytest.mark.parametrize("name", example_names())
 def test_example(name, tmp_path, monkeypatch):
-    shutil.copy(ARM, tmp_path / "arm.urdf")
+    for file in (ARM, *MOLECULE):
+        shutil.copy(file, tmp_path / file.name)
     monkeypatch.chdir(tmp_path)
-    thing = OBJECTS.get(name) or {"phipsi": phipsi, "phipsi.interop": phipsi.interop}[name]
+    thing = OBJECTS.get(name) or MODULES[name]
     scope = {"phipsi": phipsi, "np": np}
     example = doctest.DocTestParser().get_doctest(inspect.getdoc(thing), scope, name, None, 0)
     said = []

@@ -143,6 +143,20 @@ impl Batch {
         workspace: impl Fn() -> W + Sync + Send,
         body: impl Fn(&mut W, usize, &mut [f64]) -> Result<(), Failure> + Sync + Send,
     ) -> Result<Vec<f64>, (usize, Failure)> {
+        self.each_of(py, (GRAIN / (size + 1)).clamp(1, 64), size, workspace, body)
+    }
+    /// The same, with `grain` states to a task of a thread.
+    ///
+    /// # Errors
+    /// The failure of the first state that fails.
+    pub fn each_of<W>(
+        &self,
+        py: Python<'_>,
+        grain: usize,
+        size: usize,
+        workspace: impl Fn() -> W + Sync + Send,
+        body: impl Fn(&mut W, usize, &mut [f64]) -> Result<(), Failure> + Sync + Send,
+    ) -> Result<Vec<f64>, (usize, Failure)> {
         let mut out = vec![0.0; self.count * size];
         let count = self.count;
         let one = |w: &mut W, state: usize, out: &mut [f64]| -> Result<(), (usize, Failure)> {
@@ -152,7 +166,6 @@ impl Batch {
                 None => Ok(()),
             }
         };
-        let grain = (GRAIN / (size + 1)).clamp(1, 64);
         let result = py.detach(|| {
             if count <= grain || size == 0 {
                 let mut w = workspace();

@@ -1,10 +1,13 @@
 //! Rust errors as the Python classes of `phipsi.errors`, with their fields.
 
 use crate::report::{Problem, Report};
+use phipsi::molecule::PotentialError;
 use phipsi::recursion::DynamicsError;
 use pyo3::IntoPyObjectExt;
+use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::path::Path;
 
 /// A field of an exception.
 pub enum Field {
@@ -14,7 +17,7 @@ pub enum Field {
     Number(f64),
     /// An index.
     Index(usize),
-    /// A shape or a place in a batch.
+    /// A shape, a place in a batch, or atoms.
     Tuple(Vec<usize>),
     /// A report.
     Report(Report),
@@ -87,6 +90,29 @@ pub fn choice_error(py: Python<'_>, argument: &str, found: &str, choices: &[&str
     argument_error(py, argument, found.into(), choices.into(), &message, None)
 }
 
+/// `OSError` for a file that cannot be opened.
+pub fn check_file(path: &Path) -> PyResult<()> {
+    let Err(e) = std::fs::metadata(path) else { return Ok(()) };
+    let text = e.to_string();
+    let reason = text.split(" (os error").next().unwrap_or_default().to_string();
+    Err(PyOSError::new_err((e.raw_os_error(), reason, path.as_os_str().to_os_string())))
+}
+
+/// `ModelError` with the report on files that cannot be used.
+pub fn load_error(py: Python<'_>, report: Report) -> PyErr {
+    let mut message = report.text().to_string();
+    if report.errors.is_empty() {
+        message = format!("warnings are errors, as strict = True\n{message}");
+    }
+    let (errors, warnings) = (report.errors.clone(), report.warnings.clone());
+    let fields = vec![
+        ("errors", Some(Field::Problems(errors))),
+        ("warnings", Some(Field::Problems(warnings))),
+        ("report", Some(Field::Report(report))),
+    ];
+    exception(py, "ModelError", message.trim_end(), fields)
+}
+
 /// `ArgumentError` for a name that the model does not have.
 pub fn name_error(py: Python<'_>, argument: &str, error: &phipsi::model::NameError) -> PyErr {
     let required = format!("the name of a {}: {}", error.what, error.known.join(", "));
@@ -99,6 +125,8 @@ pub fn name_error(py: Python<'_>, argument: &str, error: &phipsi::model::NameErr
 pub enum Failure {
     /// A recursion.
     Dynamics(DynamicsError),
+    /// A force field.
+    Potential(PotentialError),
     /// A number of the result, by its index, that is not finite.
     NotFinite(usize, f64),
 }
@@ -107,6 +135,34 @@ impl From<DynamicsError> for Failure {
     fn from(e: DynamicsError) -> Self {
         Failure::Dynamics(e)
     }
+}
+
+impl From<PotentialError> for Failure {
+    fn from(e: PotentialError) -> Self {
+        Failure::Potential(e)
+    }
+}
+
+/// A force field's error with its atoms, at a place in the batch; `message` names the atoms.
+pub fn potential_error(
+    py: Python<'_>,
+    error: &PotentialError,
+    message: &str,
+    state: Option<Vec<usize>>,
+) -> PyErr {
+    let at = state.as_ref().map(|s| format!("state {s:?}: ")).unwrap_or_default();
+    let fields = vec![
+        ("quantity", Some("energy or force".into())),
+        ("term", Some(error.term.as_str().into())),
+        ("atoms", Some(Field::Tuple(error.atoms.clone()))),
+        ("required", Some("finite numbers".into())),
+        (
+            "remedy",
+            Some("separate atoms that coincide, and atoms 1-2-3 of a torsion that lie on a line".into()),
+        ),
+        ("state", state.map(Field::Tuple)),
+    ];
+    exception(py, "NumericalError", &format!("{at}{message}"), fields)
 }
 
 /// A recursion's error, at a place in the batch (`None` without batch axes).
@@ -128,6 +184,7 @@ pub fn dynamics_error(py: Python<'_>, error: &DynamicsError, state: Option<Vec<u
         }
         DynamicsError::Closure { joint, source } => {
             let problem = Problem {
+                source: None,
                 line: None,
                 place: format!("joint `{joint}`"),
                 found: format!("a mimic of joint `{source}`"),

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `batch` | array-likes as states, broadcasting, the loop over states |
 //! | `model`, `dynamics`, `kinematics` | methods of the class `Model` |
+//! | `molecule` | methods of the class `System`: energies and forces of molecules |
 //! | `simulate`, `trajectory`, `simulator` | motion |
 //! | `errors`, `report` | exceptions with fields, reports of readers |
 
@@ -12,6 +13,7 @@ mod dynamics;
 mod errors;
 mod kinematics;
 mod model;
+mod molecule;
 mod report;
 mod simulate;
 mod simulator;
@@ -24,6 +26,7 @@ use pyo3::prelude::*;
 fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     m.add_class::<model::Model>()?;
+    m.add_class::<molecule::System>()?;
     m.add_class::<report::Report>()?;
     m.add_class::<report::Note>()?;
     m.add_class::<report::Problem>()?;

@@ -1,14 +1,16 @@
 //! The class `Model`: loading, names, and the configuration space.
 
 use crate::batch::{Argument, Batch};
-use crate::errors::{Failure, Field, argument_error, choice_error, dynamics_error, exception, name_error};
+use crate::errors::{
+    Failure, argument_error, check_file, choice_error, dynamics_error, load_error, name_error,
+    potential_error,
+};
 use crate::report::Report;
 use phipsi::formats::urdf::{Mimic, UrdfOptions, read_urdf, read_urdf_file};
 use phipsi::formats::{Loaded, Problem};
 use phipsi::model::{Base, JointKind};
 use phipsi::recursion::{Layout, singular_hinges};
 use phipsi::spatial::{Vec3, Wrench};
-use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use std::path::PathBuf;
@@ -67,19 +69,7 @@ impl Model {
                 let report = Py::new(py, Report::new(&report))?;
                 Ok(Model { compiled: RwLock::new(Arc::new(Compiled::of(model))), report })
             }
-            _ => {
-                let mut message = report.to_string();
-                if report.errors.is_empty() {
-                    message = format!("warnings are errors, as strict = True\n{message}");
-                }
-                let report = Report::new(&report);
-                let fields = vec![
-                    ("errors", Some(Field::Problems(report.errors.clone()))),
-                    ("warnings", Some(Field::Problems(report.warnings.clone()))),
-                    ("report", Some(Field::Report(report))),
-                ];
-                Err(exception(py, "ModelError", message.trim_end(), fields))
-            }
+            _ => Err(load_error(py, Report::new(&report))),
         }
     }
 }
@@ -122,11 +112,7 @@ impl Model {
     #[pyo3(signature = (path, base = "fixed", mimic = "closure", strict = false))]
     fn from_urdf(py: Python<'_>, path: PathBuf, base: &str, mimic: &str, strict: bool) -> PyResult<Self> {
         let options = options(py, base, mimic)?;
-        if let Err(e) = std::fs::metadata(&path) {
-            let text = e.to_string();
-            let reason = text.split(" (os error").next().unwrap_or_default().to_string();
-            return Err(PyOSError::new_err((e.raw_os_error(), reason, path.into_os_string())));
-        }
+        check_file(&path)?;
         Self::loaded(py, py.detach(|| read_urdf_file(&path, &options)), strict)
     }
     /// Reads the text of a URDF file; arguments and errors as ``from_urdf``.
@@ -468,6 +454,7 @@ impl Compiled {
         let place = batch.place(state);
         let (i, found) = match failure {
             Failure::Dynamics(e) => return dynamics_error(py, &e, place),
+            Failure::Potential(e) => return potential_error(py, &e, &e.to_string(), place),
             Failure::NotFinite(i, found) => (i, found),
         };
         let (quantity, at) = match names {

@@ -5,10 +5,12 @@ use pyo3::prelude::*;
 
 /// Something that was used, approximated or ignored.
 ///
-/// ``line``: in the file, from 1, or None. ``place``: where, by the user's name. ``what``: what it is.
+/// ``source``: the file, or None. ``line``: in the file, from 1, or None. ``place``: where, by the user's name. ``what``: what it is.
 #[pyclass(frozen, get_all, module = "phipsi")]
 #[derive(Clone, Debug)]
 pub struct Note {
+    /// The file, or None.
+    pub source: Option<String>,
     /// Line in the file, or None.
     pub line: Option<u32>,
     /// Where: "link `arm`".
@@ -26,11 +28,13 @@ impl Note {
 
 /// Something that is wrong with a file.
 ///
-/// ``line``: in the file, from 1, or None. ``place``: where. ``found``, ``required``, ``remedy``: what was found, what is
+/// ``source``: the file, or None. ``line``: in it, from 1, or None. ``place``: where. ``found``, ``required``, ``remedy``: what was found, what is
 /// required, what to do.
 #[pyclass(frozen, get_all, module = "phipsi")]
 #[derive(Clone, Debug)]
 pub struct Problem {
+    /// The file, or None.
+    pub source: Option<String>,
     /// Line in the file, or None.
     pub line: Option<u32>,
     /// Where: "joint `elbow`".
@@ -46,7 +50,7 @@ pub struct Problem {
 #[pymethods]
 impl Problem {
     fn __repr__(&self) -> String {
-        let Problem { line, place, found, required, remedy } = self;
+        let Problem { line, place, found, required, remedy, .. } = self;
         format!("{place}: {found}{}; required: {required}; {remedy}", in_line(*line))
     }
 }
@@ -55,9 +59,9 @@ fn in_line(line: Option<u32>) -> String {
     line.map(|l| format!(" (line {l})")).unwrap_or_default()
 }
 
-/// Everything a reader has to say about one file; ``print(report)`` shows it for people.
+/// Everything a reader has to say about a file, or about files that belong together; ``print(report)`` shows it for people.
 ///
-/// ``source``: the file. ``used``, ``approximated``, ``ignored``: lists of Note. ``warnings``, ``errors``: lists of Problem.
+/// ``source``: the file; several are separated by commas. ``used``, ``approximated``, ``ignored``: lists of Note. ``warnings``, ``errors``: lists of Problem.
 ///
 /// Example
 /// -------
@@ -93,7 +97,7 @@ pub struct Report {
 #[pymethods]
 impl Report {
     fn __str__(&self) -> &str {
-        self.text.trim_end()
+        self.text()
     }
     fn __repr__(&self) -> String {
         let (errors, warnings) = (self.errors.len(), self.warnings.len());
@@ -104,8 +108,15 @@ impl Report {
 impl Report {
     /// From the reader's own.
     pub fn new(report: &formats::Report) -> Self {
-        let note = |n: &formats::Note| Note { line: n.line, place: n.place.clone(), what: n.what.clone() };
+        let source = || Some(report.source.clone());
+        let note = |n: &formats::Note| Note {
+            source: source(),
+            line: n.line,
+            place: n.place.clone(),
+            what: n.what.clone(),
+        };
         let problem = |p: &formats::Problem| Problem {
+            source: source(),
             line: p.line,
             place: p.place.clone(),
             found: p.found.clone(),
@@ -121,5 +132,24 @@ impl Report {
             errors: report.errors.iter().map(problem).collect(),
             text: report.to_string(),
         }
+    }
+    /// Those of files that belong together as one.
+    pub fn joined(reports: &[formats::Report]) -> Self {
+        let mut reports = reports.iter().map(Report::new);
+        let first = reports.next().unwrap_or_else(|| Report::new(&formats::Report::default()));
+        reports.fold(first, |mut all, next| {
+            all.source = format!("{}, {}", all.source, next.source);
+            all.used.extend(next.used);
+            all.approximated.extend(next.approximated);
+            all.ignored.extend(next.ignored);
+            all.warnings.extend(next.warnings);
+            all.errors.extend(next.errors);
+            all.text += &next.text;
+            all
+        })
+    }
+    /// For people.
+    pub fn text(&self) -> &str {
+        self.text.trim_end()
     }
 }

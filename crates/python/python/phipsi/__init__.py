@@ -4,10 +4,11 @@
 >>> a = m.forward_dynamics(q=[0.1, 0.2], v=[0.0, 0.0], tau=[0.0, 0.0])
 
 Conventions: six-vectors are angular first; quaternions x y z w; SI units; body velocities, Jacobians and momentum in world
-axes; wrenches in body axes at the body frame's origin. Leading batch axes are always allowed.
+axes; wrenches in body axes at the body frame's origin. Leading batch axes are always allowed. Molecules, in nm, ps, Da and
+kJ/mol: ``phipsi.molecule``.
 """
 
-from . import interop
+from . import interop, molecule
 from ._native import (
     ForwardInfo,
     Model,
@@ -42,5 +43,6 @@ __all__ = [
     "WorstHinge",
     "__version__",
     "interop",
+    "molecule",
     "simulate",
 ]

@@ -1,6 +1,6 @@
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from os import PathLike
-from typing import Literal, final, overload
+from typing import Any, Literal, final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,7 @@ __all__ = [
     "Report",
     "RunError",
     "Simulator",
+    "System",
     "Trajectory",
     "WorstHinge",
     "__version__",
@@ -26,6 +27,8 @@ __version__: str
 @final
 class Note:
     @property
+    def source(self) -> str | None: ...
+    @property
     def line(self) -> int | None: ...
     @property
     def place(self) -> str: ...
@@ -34,6 +37,8 @@ class Note:
 
 @final
 class Problem:
+    @property
+    def source(self) -> str | None: ...
     @property
     def line(self) -> int | None: ...
     @property
@@ -162,6 +167,33 @@ class Model:
     def center_of_mass(self, q: ArrayLike) -> NDArray[np.float64]: ...
     def momentum(self, q: ArrayLike, v: ArrayLike, about: ArrayLike | None = None) -> NDArray[np.float64]: ...
     def centroidal_momentum_matrix(self, q: ArrayLike) -> NDArray[np.float64]: ...
+
+@final
+class System:
+    @staticmethod
+    def from_files(
+        pdb: str | PathLike[str], system_xml: str | PathLike[str], strict: bool = False, ignore: Sequence[str] | None = None
+    ) -> System: ...
+    @staticmethod
+    def from_openmm(
+        topology: Any, system: Any, positions: Any, strict: bool = False, ignore: Sequence[str] | None = None
+    ) -> System: ...
+    @property
+    def report(self) -> Report: ...
+    @property
+    def n_atoms(self) -> int: ...
+    @property
+    def atom_names(self) -> list[str]: ...
+    @property
+    def masses(self) -> NDArray[np.float64]: ...
+    @property
+    def positions(self) -> NDArray[np.float64]: ...
+    @property
+    def bonds(self) -> list[tuple[int, int]]: ...
+    @property
+    def terms(self) -> list[str]: ...
+    def energy(self, positions: ArrayLike | None = None) -> dict[str, float | NDArray[np.float64]]: ...
+    def forces(self, positions: ArrayLike | None = None, term: str | None = None) -> NDArray[np.float64]: ...
 
 @final
 class RunError:

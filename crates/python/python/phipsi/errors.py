@@ -52,8 +52,9 @@ class NumericalError(Error, ArithmeticError):
     """A number that is not finite, a singular joint, or a step that cannot be made.
 
     ``quantity``: what failed. ``joint``, ``component``: where, or None. ``found``: the value. ``required``, ``remedy``:
-    text. ``state``: index of the failing state in the batch (a tuple), None without a batch. ``time``, ``trajectory``: in
-    simulations, the time of the last good state and the Trajectory so far.
+    text. ``state``: index of the failing state in the batch (a tuple), None without a batch. ``term``, ``atoms``: of a force
+    field, its term and the indices of its atoms. ``time``, ``trajectory``: in simulations, the time of the last good state
+    and the Trajectory so far.
     """
 
     def __init__(
@@ -67,6 +68,8 @@ class NumericalError(Error, ArithmeticError):
         required: Any = None,
         remedy: Any = None,
         state: Any = None,
+        term: Any = None,
+        atoms: Any = (),
         time: Any = None,
         trajectory: Any = None,
     ) -> None:
@@ -78,5 +81,7 @@ class NumericalError(Error, ArithmeticError):
         self.required = required
         self.remedy = remedy
         self.state = state
+        self.term = term
+        self.atoms = tuple(atoms)
         self.time = time
         self.trajectory = trajectory
