@@ -1,7 +1,7 @@
 //! Coordinates from positions: the pose of each base by superposition, then angle after angle outward.
 
 use crate::torsion_model::{Site, TorsionModel, check};
-use nalgebra::Matrix4;
+use nalgebra::{Matrix4, SymmetricEigen};
 use phipsi_recursion::DynamicsError;
 use phipsi_recursion::hinge::Hinge;
 use phipsi_recursion::layout::GROUND;
@@ -10,7 +10,7 @@ use phipsi_spatial::{Quaternion, Transform, Vec3};
 impl TorsionModel {
     /// The configuration whose positions are nearest, cluster by cluster from the bases outward, and the largest distance
     /// (nm) that an atom is then away: zero but for rounding where positions differ from the reference by torsions and
-    /// motions of whole molecules. Angles are in (−π, π]. Cost O(atoms).
+    /// motions of whole molecules, infinite where a position is not finite. Angles are in (−π, π]. Cost O(atoms).
     ///
     /// # Method
     /// Bases: least squares over the base's atoms and the far ends of its hinges (Horn 1987). Hinges: the angle of least
@@ -54,7 +54,8 @@ impl TorsionModel {
             }
             world[k] = frame.compose(&body.hinge.transform(&Transform::identity(), &q[body.q..]));
             for site in &self.sites[k] {
-                largest = largest.max((world[k].point(site.place) - positions[site.atom]).norm());
+                let away = (world[k].point(site.place) - positions[site.atom]).norm();
+                largest = if away.is_finite() { largest.max(away) } else { f64::INFINITY };
             }
         }
         Ok((q, largest))
@@ -97,7 +98,10 @@ fn superposition<I: Iterator<Item = (Vec3<f64>, Vec3<f64>)>>(
         yz + zy,
         zz - xx - yy,
     );
-    let eigen = matrix.symmetric_eigen();
+    // Iterations do not end on numbers that are not finite.
+    let Some(eigen) = SymmetricEigen::try_new(matrix, f64::EPSILON, 100) else {
+        return (Quaternion::identity(), to - from);
+    };
     let vector = eigen.eigenvectors.column(eigen.eigenvalues.imax());
     let rotation = Quaternion([vector[1], vector[2], vector[3], vector[0]]).normalized();
     (rotation, to - rotation.to_rotation() * from)

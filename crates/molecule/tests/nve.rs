@@ -4,11 +4,13 @@
 
 mod common;
 
+use allocation_counter::measure;
 use common::molecule;
 use phipsi_molecule::{
-    Clustering, Clusters, Deviates, ForceField, MolecularForces, TorsionModel, draw_momenta, temperature,
+    Clustering, Clusters, Deviates, ForceField, MolecularForces, PotentialForce, TorsionModel, draw_momenta,
+    temperature,
 };
-use phipsi_motion::Midpoint;
+use phipsi_motion::{Conservative, Dynamics, Integrator, Method, Midpoint, Situation, System, Tolerances};
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{About, body_pose, momentum};
 use phipsi_spatial::Vec3;
@@ -168,6 +170,54 @@ fn the_choice_of_root_matters_to_second_order_only() {
         let order = (pair[0] / pair[1]).log2();
         assert!((order - 2.0).abs() < 0.1, "order {order}: {differences:?}");
     }
+}
+
+/// Ordinary dynamics under the potential as an ordinary force: DOP853 and the midpoint method agree to the latter's order,
+/// and the force tells its terms.
+#[test]
+fn a_potential_is_an_ordinary_force() {
+    let (mut forces, q, v) = start("aladi", 6);
+    let torsion = forces.torsion().clone();
+    let model = torsion.model();
+    let mut tau = vec![0.0; model.nv()];
+    let energy = forces.evaluate(&q, &mut tau).unwrap();
+    let terms: Vec<(String, f64)> = forces.energies().map(|(name, e)| (name.to_string(), e)).collect();
+    let own = MolecularForces::new(torsion.clone(), molecule("aladi", "vacuum", "md").field);
+    let mut dynamics = Dynamics::new(model, vec![Box::new(PotentialForce::new("ff14SB", own))]).unwrap();
+    let mut again = tau.clone();
+    assert_eq!(dynamics.evaluate(&q, &mut again).unwrap(), energy);
+    assert_eq!(again, tau);
+    let force = &dynamics.forces()[0];
+    let at = Situation { model, layout: torsion.layout(), t: 0.0, q: &q, v: &v, kinematics: None };
+    let told: Vec<(String, f64)> = force.terms().into_iter().zip(force.term_energies(&at)).collect();
+    assert_eq!(told, terms);
+
+    let aux = vec![0.0; dynamics.auxiliary_len()];
+    let mut exact = Integrator::new(model, Method::Dop853, Tolerances::new(1e-11), 0.0, &q, &v, &aux);
+    while exact.t() < 0.02 {
+        exact.step(&mut dynamics, 0.02, false).unwrap();
+    }
+    let mut error = |steps: u32| {
+        let mut method = Midpoint::new(model, &mut forces, 0.0, &q, &v).unwrap();
+        for _ in 0..steps {
+            method.step(&mut forces, 0.02 / f64::from(steps)).unwrap();
+        }
+        let x = model.difference(exact.q(), &method.state().q);
+        x.iter().fold(0.0f64, |m, x| m.max(x.abs()))
+    };
+    let order = (error(40) / error(80)).log2();
+    assert!((order - 2.0).abs() < 0.05, "order {order}");
+}
+
+#[test]
+fn steps_do_not_allocate() {
+    let (mut forces, q, v) = start("aladi", 7);
+    let model = forces.torsion().model().clone();
+    let mut method = Midpoint::new(&model, &mut forces, 0.0, &q, &v).unwrap();
+    let counted = measure(|| {
+        method.step(&mut forces, 0.004).unwrap();
+    });
+    assert_eq!(counted.count_total, 0, "{counted:?}");
 }
 
 /// Momentum and, in vacuum, angular momentum about the centre of mass of a molecule at rest on the whole.

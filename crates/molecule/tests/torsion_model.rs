@@ -336,6 +336,9 @@ fn turned_conformations_are_reached() {
             // Turned one bond after the other in double precision.
             assert!(away < 1e-12, "{name}, {id}: {away:e} nm");
         }
+        let mut broken = torsion.positions(&torsion.model().neutral()).unwrap();
+        broken[1].0[0] = f64::NAN;
+        assert_eq!(torsion.coordinates(&broken).unwrap().1, f64::INFINITY);
         let strained = vectors(&common::conformation(&reference, "md")["positions"]);
         assert!(torsion.coordinates(&strained).unwrap().1 > 1e-3, "{name}");
     }

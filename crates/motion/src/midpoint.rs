@@ -59,6 +59,13 @@ pub enum MidpointError<E> {
         /// Why.
         cause: DynamicsError,
     },
+    /// Forces or potential energy are no finite numbers.
+    NotFinite {
+        /// Time at the end of the step.
+        t: f64,
+        /// The joint whose force it is; `None` for the potential energy.
+        joint: Option<String>,
+    },
     /// The implicit drift does not converge.
     NotConverged {
         /// Time at the start of the step.
@@ -79,6 +86,12 @@ impl<E: fmt::Display> fmt::Display for MidpointError<E> {
         match self {
             MidpointError::Force { t, cause } => write!(f, "forces at t = {t}: {cause}"),
             MidpointError::Dynamics { t, cause } => write!(f, "at t = {t}: {cause}"),
+            MidpointError::NotFinite { t, joint: Some(joint) } => {
+                write!(f, "at t = {t} the force on joint `{joint}` is not finite; take a smaller step")
+            }
+            MidpointError::NotFinite { t, joint: None } => {
+                write!(f, "at t = {t} the potential energy is not finite; take a smaller step")
+            }
             MidpointError::NotConverged { t, h, iterations, correction, joint } => write!(
                 f,
                 "at t = {t} a drift of {h} has not converged in {iterations} iterations (last correction \
@@ -299,9 +312,7 @@ impl Midpoint {
         }
         let info = self.drift(h)?;
         let t = self.state.t + h;
-        let potential = system
-            .evaluate(&self.next_q, &mut self.next_forces)
-            .map_err(|cause| MidpointError::Force { t, cause })?;
+        let potential = evaluate(system, &self.layout, t, &self.next_q, &mut self.next_forces)?;
         let s = &mut self.state;
         for i in 0..s.p.len() {
             s.p[i] = self.next_p[i] + 0.5 * h * self.next_forces[i];
@@ -324,7 +335,9 @@ impl Midpoint {
         self.v.copy_from_slice(&self.state.guess);
         self.mixing.restart();
         let mut before = f64::INFINITY;
-        for iterations in 1..=MOST_ITERATIONS {
+        let mut iterations = 0;
+        loop {
+            iterations += 1;
             self.middle(h);
             self.end(h, -1.0);
             for (r, p) in self.r.iter_mut().zip(&self.next_p) {
@@ -353,7 +366,6 @@ impl Midpoint {
                 return Err(MidpointError::NotConverged { t, h, iterations, correction, joint });
             }
         }
-        unreachable!("the last iteration returns")
     }
 
     /// x, μ and g at the present v.
@@ -374,6 +386,21 @@ impl Midpoint {
         }
         map_momenta(&self.layout, increment_adjoint, s, &self.x, &self.y, &mut self.r);
     }
+}
+
+/// Forces and potential energy, if they are finite.
+fn evaluate<C: Conservative>(
+    system: &mut C,
+    layout: &Layout<f64>,
+    t: f64,
+    q: &[f64],
+    forces: &mut [f64],
+) -> Result<f64, MidpointError<C::Error>> {
+    let potential = system.evaluate(q, forces).map_err(|cause| MidpointError::Force { t, cause })?;
+    if let Some(i) = forces.iter().position(|f| !f.is_finite()) {
+        return Err(MidpointError::NotFinite { t, joint: Some(layout.joint_of_velocity(i).0.into()) });
+    }
+    if potential.is_finite() { Ok(potential) } else { Err(MidpointError::NotFinite { t, joint: None }) }
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

@@ -56,6 +56,7 @@ impl StepError {
             StepError::Midpoint(
                 MidpointError::Force { t, .. }
                 | MidpointError::Dynamics { t, .. }
+                | MidpointError::NotFinite { t, .. }
                 | MidpointError::NotConverged { t, .. },
             ) => *t,
         }

@@ -478,6 +478,25 @@ fn a_drift_that_does_not_converge_names_its_joint() {
     assert_eq!(*method.state(), before);
 }
 
+/// Forces that are no numbers end the run before they enter the state.
+#[test]
+fn forces_that_are_not_finite_are_refused() {
+    let model = pendulum();
+    let mut broken = |q: &[f64], forces: &mut [f64]| -> Result<f64, String> {
+        forces[0] = if q[0] > 0.3 { f64::NAN } else { 0.0 };
+        Ok(0.0)
+    };
+    let mut method = Midpoint::new(&model, &mut broken, 0.0, &[0.2], &[1.0]).unwrap();
+    method.step(&mut broken, 0.09).unwrap();
+    let before = method.state().clone();
+    let error = method.step(&mut broken, 0.09).unwrap_err();
+    assert!(
+        matches!(&error, MidpointError::NotFinite { joint: Some(joint), .. } if joint == "hinge"),
+        "{error}"
+    );
+    assert_eq!(*method.state(), before);
+}
+
 #[test]
 fn forces_without_a_potential_are_refused() {
     let model = pendulum();
