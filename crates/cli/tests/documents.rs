@@ -31,17 +31,19 @@ fn lasting(output: &str) -> Vec<String> {
 }
 
 #[test]
-fn the_readme_shows_the_output_of_its_first_command() {
+fn the_readme_shows_the_output_of_its_commands() {
     let readme = text("README.md");
-    assert!(readme.contains("cargo run --release -- run examples/satellite_arm.toml"));
-    let shown = readme.split("```text\nscene ").nth(1).unwrap().split("```").next().unwrap();
-    let shown = &format!("scene {shown}");
-    let scratch = tempfile::tempdir().unwrap();
-    let (scene, out) = (root().join("examples/satellite_arm.toml"), scratch.path().join("run"));
-    let printed = phipsi(&["run", scene.to_str().unwrap(), "--out", out.to_str().unwrap()]);
-    assert_eq!(lasting(shown), lasting(&printed));
-    let page = std::fs::read_to_string(out.join("index.html")).unwrap();
-    assert!(page.contains("<canvas") && !page.contains("src=\"http"), "a page that draws and loads nothing");
+    let mut shown = readme.split("```text\nscene ").skip(1).map(|b| b.split("```").next().unwrap());
+    for name in ["satellite_arm", "ala_dipeptide"] {
+        assert!(readme.contains(&format!("cargo run --release -- run examples/{name}.toml")));
+        let shown = format!("scene {}", shown.next().unwrap());
+        let scratch = tempfile::tempdir().unwrap();
+        let (scene, out) = (root().join(format!("examples/{name}.toml")), scratch.path().join("run"));
+        let printed = phipsi(&["run", scene.to_str().unwrap(), "--out", out.to_str().unwrap()]);
+        assert_eq!(lasting(&shown), lasting(&printed));
+        let page = std::fs::read_to_string(out.join("index.html")).unwrap();
+        assert!(page.contains("<canvas") && !page.contains("src=\"http"), "a page that draws and loads nothing");
+    }
 }
 
 #[test]

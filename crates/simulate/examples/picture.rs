@@ -20,9 +20,14 @@ fn main() -> Result<(), SimulateError> {
     let rows = read_rows(&run.path().join("trajectory.csv"), &Columns::new(simulation), u64::MAX)?;
     let drawing = drawing(simulation, &rows);
     let last = drawing.times.len().saturating_sub(1);
-    // The satellite slews during the first half of its run.
-    let frames: Vec<usize> = [0.0, 0.15, 0.25, 0.35, 1.0].map(|part| (part * last as f64) as usize).to_vec();
-    let view = View { azimuth: -0.9, elevation: 0.35, width: 800.0, height: 420.0, boxes: true };
+    // The satellite slews during the first half of its run; a molecule wanders all the time.
+    let parts = match simulation.molecule {
+        Some(_) => [0.0, 0.05, 0.1, 0.15, 0.2],
+        None => [0.0, 0.15, 0.25, 0.35, 1.0],
+    };
+    let frames = parts.map(|part| (part * last as f64) as usize);
+    let width = if simulation.molecule.is_some() { 420.0 } else { 800.0 };
+    let view = View { azimuth: -0.9, elevation: 0.35, width, height: 420.0, boxes: true };
     let picture = Path::new(picture);
     std::fs::write(picture, snapshot_svg(&drawing, &frames, &view))
         .map_err(|e| SimulateError::file(picture, e))
