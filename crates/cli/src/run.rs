@@ -56,6 +56,14 @@ fn prepare(options: &Options, common: &Common) -> Result<RunFolder, SimulateErro
     if common.strict && scene.reports.iter().any(|r| !r.warnings.is_empty()) {
         return Err(SimulateError::Scene(scene.reports));
     }
+    // Before the first step: what is probably wrong with the start changes what the user wants.
+    if !common.quiet {
+        for report in &scene.reports {
+            for p in &report.warnings {
+                anstream::eprintln!("warning: {}: {}; {}", p.place, p.found, p.remedy);
+            }
+        }
+    }
     RunFolder::create(path, scene, options.out.as_deref())
 }
 

@@ -42,7 +42,10 @@ fn the_readme_shows_the_output_of_its_commands() {
         let printed = phipsi(&["run", scene.to_str().unwrap(), "--out", out.to_str().unwrap()]);
         assert_eq!(lasting(&shown), lasting(&printed));
         let page = std::fs::read_to_string(out.join("index.html")).unwrap();
-        assert!(page.contains("<canvas") && !page.contains("src=\"http"), "a page that draws and loads nothing");
+        assert!(
+            page.contains("<canvas") && !page.contains("src=\"http"),
+            "a page that draws and loads nothing"
+        );
     }
 }
 

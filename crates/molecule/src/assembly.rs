@@ -23,6 +23,9 @@ const SPAN: f64 = 1.2;
 /// A spring longer than this, nm, is a restraint.
 const LONGEST_BOND: f64 = 0.3;
 
+/// A constraint longer than this, nm, is no bond: S–S and C–I have 0.21.
+const LONGEST_CONSTRAINED: f64 = 0.22;
+
 /// Most problems that are named.
 const MOST_NAMED: usize = 10;
 
@@ -106,7 +109,7 @@ fn bonds(pdb: &Pdb, system: &System) -> Vec<[usize; 2]> {
             *least = least.min(spring.length);
         }
     }
-    for c in &system.constraints {
+    for c in system.constraints.iter().filter(|c| c.distance <= LONGEST_CONSTRAINED) {
         length.entry(ordered(c.atoms)).or_insert(c.distance);
     }
     let mut neighbors: BTreeMap<usize, BTreeMap<usize, f64>> = BTreeMap::new();

@@ -112,3 +112,49 @@ fn wrong_molecules_say_what_is_required() {
     let problem = other.iter_mut().flat_map(|r| r.errors.drain(..)).next().unwrap();
     assert!(problem.found.contains("14 atoms") && problem.found.contains("22"), "{problem:?}");
 }
+
+/// The example's System with something put into it.
+fn with_system(old: &str, new: &str) -> Result<Scene, SimulateError> {
+    let text = std::fs::read_to_string(examples().join("ala_dipeptide.xml")).unwrap();
+    assert!(text.contains(old), "{old}");
+    let folder = tempfile::tempdir().unwrap();
+    let system = folder.path().join("changed.xml");
+    std::fs::write(&system, text.replacen(old, new, 1)).unwrap();
+    scene(&SCENE.replace("\"ala_dipeptide.xml\"", &format!("{:?}", system.display().to_string())))
+}
+
+#[test]
+fn constraints_within_clusters_are_satisfied_and_others_refused() {
+    // ACE's methyl: carbon 1 (CH3) with hydrogen 0. The distance is the positions', not this one.
+    let inside = with_system(
+        "<Constraints/>",
+        "<Constraints><Constraint d=\".109\" p1=\"0\" p2=\"1\"/></Constraints>",
+    );
+    let notes = inside.unwrap().reports[0].used.iter().map(|n| n.what.clone()).collect::<Vec<_>>();
+    assert!(notes.iter().any(|n| n.contains("1 constraints of the System are satisfied")), "{notes:?}");
+    let across =
+        with_system("<Constraints/>", "<Constraints><Constraint d=\".3\" p1=\"0\" p2=\"8\"/></Constraints>");
+    let Err(SimulateError::Scene(reports)) = across else { panic!("accepted") };
+    let e = &reports[0].errors[0];
+    assert!(
+        e.place.contains("ACE1") && e.place.contains("ALA2") && e.remedy.contains("constraints=None"),
+        "{e:?}"
+    );
+}
+
+#[test]
+fn strained_starts_are_announced_before_the_first_step() {
+    let strained = with_system("</System>", "</System>").unwrap();
+    assert!(strained.reports[0].warnings.is_empty());
+    // A Lennard-Jones radius ten times too large.
+    let text = std::fs::read_to_string(examples().join("ala_dipeptide.xml")).unwrap();
+    let at = text.find("sig=\"").unwrap();
+    let end = at + 5 + text[at + 5..].find('"').unwrap();
+    let sigma = &text[at..=end];
+    let loaded = with_system(sigma, "sig=\"3\"").unwrap();
+    let warnings = &loaded.reports[0].warnings;
+    assert!(
+        warnings.iter().any(|w| w.found.contains("force of") && w.remedy.contains("minimize")),
+        "{warnings:?}"
+    );
+}
