@@ -33,7 +33,9 @@ fn unpacked(path: &Path) -> Result<String, Box<dyn Error>> {
 }
 
 /// Atoms, positions of the `md` snapshot, force field.
-fn molecule(name: &str) -> Result<(Atoms, Vec<Vec3<f64>>, ForceField), Box<dyn Error>> {
+type Molecule = (Atoms, Vec<Vec3<f64>>, ForceField);
+
+fn molecule(name: &str) -> Result<Molecule, Box<dyn Error>> {
     let folder = data(name);
     let text = unpacked(&folder.join(format!("{name}.vacuum.xml.gz")))?;
     let (system, _) = read_system(&text, name, &SystemOptions::default()).into_result(false)?;
