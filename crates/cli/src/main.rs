@@ -58,19 +58,14 @@ enum Command {
         #[arg(required = true, value_name = "FILE")]
         files: Vec<PathBuf>,
     },
-    /// Turn a URDF file into a scene
-    #[command(after_help = "Example: phipsi convert arm.urdf arm.toml")]
+    /// Turn a URDF file, or a PDB file with its OpenMM System, into a scene
+    #[command(after_help = "Examples:\n  phipsi convert arm.urdf arm.toml\n  \
+                            phipsi convert protein.pdb protein.xml protein.toml")]
     Convert {
-        /// A URDF file
-        input: PathBuf,
-        /// The scene to write; it must not exist
-        output: PathBuf,
+        /// The inputs, then the scene to write, which must not exist
+        #[arg(required = true, num_args = 2..=3, value_name = "FILE")]
+        files: Vec<PathBuf>,
     },
-    /// Print the energy of a molecule, term by term
-    #[command(
-        after_help = "Example: phipsi energy examples/ala_dipeptide.pdb --system examples/ala_dipeptide.xml"
-    )]
-    Energy(energy::Options),
     /// Print the conventions: frames, orders, signs, units
     #[command(after_help = "Example: phipsi conventions")]
     Conventions,
@@ -88,7 +83,7 @@ fn main() -> ExitCode {
     let ending = match command {
         Command::Run(options) => run::run(&options, &common),
         Command::Check { files } => check::check(&files, &common),
-        Command::Convert { input, output } => convert::convert(&input, &output, &common),
+        Command::Convert { files } => convert::convert(&files, &common),
         Command::Energy(options) => energy::energy(&options, &common),
         Command::Conventions => conventions::conventions(&common),
     };

@@ -1,8 +1,10 @@
-//! From a URDF file to a scene that runs it.
+//! From a URDF file, or a PDB file with its OpenMM System, to a scene that runs it.
 
 use crate::error::SimulateError;
 use phipsi_formats::Report;
+use phipsi_formats::system::SystemOptions;
 use phipsi_formats::urdf::{UrdfOptions, read_urdf_file};
+use phipsi_molecule::read_molecule;
 use std::fmt::Write as _;
 use std::fs::OpenOptions;
 use std::io::Write as _;
@@ -40,10 +42,40 @@ pub fn urdf_to_scene(urdf: &Path, scene: &Path) -> Result<Report, SimulateError>
         let _ = writeln!(out, "q.{name} = {start:?}");
     }
     out += "\n[integrator]\nt_end = 1.0\nrtol = 1e-9\n\n[record]\nevery = 0.01\n";
-    let failed = |e| SimulateError::file(scene, e);
-    let mut file = OpenOptions::new().write(true).create_new(true).open(scene).map_err(failed)?;
-    file.write_all(out.as_bytes()).map_err(failed)?;
+    write_new(scene, &out)?;
     Ok(loaded.report)
+}
+
+/// Writes a scene of torsion dynamics at constant energy for a PDB file and its System: 10 ps from velocities at 300 K.
+///
+/// # Errors
+/// [`SimulateError::Scene`] if the two cannot be used together, [`SimulateError::File`] if the scene exists or cannot be
+/// written.
+pub fn molecule_to_scene(pdb: &Path, system: &Path, scene: &Path) -> Result<[Report; 2], SimulateError> {
+    let loaded = read_molecule(pdb, system, &SystemOptions::default());
+    if loaded.value.is_none() {
+        return Err(SimulateError::Scene(loaded.reports.to_vec()));
+    }
+    let folder = scene.parent().unwrap_or(Path::new(""));
+    let name = pdb.file_stem().map_or("molecule".into(), |s| s.to_string_lossy().into_owned());
+    let text = |s: &str| serde_json::Value::from(s).to_string();
+    let file = |path: &Path| text(&relative(path, folder).to_string_lossy().replace('\\', "/"));
+    let out = format!(
+        "title = {}\n\n[molecule]\npdb = {}\nsystem = {}\nminimize = true\ntemperature_K = 300\nseed = 1\n\n\
+         [integrator]\nt_end = 10   # ps\nstep_fs = 4\n\n[record]\nevery = 0.1\n",
+        text(&name),
+        file(pdb),
+        file(system)
+    );
+    write_new(scene, &out)?;
+    Ok(loaded.reports)
+}
+
+/// Writes a file that does not exist yet.
+fn write_new(path: &Path, text: &str) -> Result<(), SimulateError> {
+    let failed = |e| SimulateError::file(path, e);
+    let mut file = OpenOptions::new().write(true).create_new(true).open(path).map_err(failed)?;
+    file.write_all(text.as_bytes()).map_err(failed)
 }
 
 /// A path as seen from a folder; absolute where there is no relative one.
