@@ -52,9 +52,9 @@ enum Command {
                             phipsi run --resume runs/satellite_arm-001")]
     Run(run::Options),
     /// Say what a model or scene contains, what is ignored, and everything that is wrong with it
-    #[command(after_help = "Example: phipsi check examples/satellite_arm.urdf examples/satellite_arm.toml")]
+    #[command(after_help = "Example: phipsi check examples/satellite_arm.urdf examples/ala_dipeptide.toml")]
     Check {
-        /// URDF models and scenes
+        /// URDF models, scenes, PDB files, OpenMM Systems
         #[arg(required = true, value_name = "FILE")]
         files: Vec<PathBuf>,
     },
@@ -66,6 +66,11 @@ enum Command {
         #[arg(required = true, num_args = 2..=3, value_name = "FILE")]
         files: Vec<PathBuf>,
     },
+    /// Print the energy of a molecule, term by term
+    #[command(
+        after_help = "Example: phipsi energy examples/ala_dipeptide.pdb --system examples/ala_dipeptide.xml"
+    )]
+    Energy(energy::Options),
     /// Print the conventions: frames, orders, signs, units
     #[command(after_help = "Example: phipsi conventions")]
     Conventions,
