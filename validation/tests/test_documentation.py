@@ -139,13 +139,24 @@ def test_stub_matches_the_module():
                     assert default == expected, (name, member, parameter)
 
 
+#: Properties that can be set.
+SETTABLE = {
+    ("Model", "gravity"),
+    ("Simulator", "state"),
+    ("TorsionModel", "positions"),
+    ("TorsionModel", "q"),
+    ("TorsionModel", "v"),
+    ("TorsionModel", "velocities"),
+}
+
+
 def _settable(thing: type, member: str) -> bool:
-    return (thing.__name__, member) in {("Model", "gravity"), ("Simulator", "state")}
+    return (thing.__name__, member) in SETTABLE
 
 
 def test_settable_properties_have_setters():
     text = (PACKAGE / "_native.pyi").read_text(encoding="utf-8")
-    assert "@gravity.setter" in text and "@state.setter" in text
+    assert all(f"@{member}.setter" in text for _, member in SETTABLE)
 
 
 def test_package_is_typed_and_complete():

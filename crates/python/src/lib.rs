@@ -5,6 +5,7 @@
 //! | `batch` | array-likes as states, broadcasting, the loop over states |
 //! | `model`, `dynamics`, `kinematics` | methods of the class `Model` |
 //! | `molecule` | methods of the class `System`: energies and forces of molecules |
+//! | `torsion_model`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
 //! | `simulate`, `trajectory`, `simulator` | motion |
 //! | `errors`, `report` | exceptions with fields, reports of readers |
 
@@ -17,6 +18,8 @@ mod molecule;
 mod report;
 mod simulate;
 mod simulator;
+mod torsion_model;
+mod torsion_run;
 mod trajectory;
 
 use pyo3::prelude::*;
@@ -27,6 +30,9 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     m.add_class::<model::Model>()?;
     m.add_class::<molecule::System>()?;
+    m.add_class::<torsion_model::TorsionModel>()?;
+    m.add_class::<torsion_model::Minimum>()?;
+    m.add_class::<torsion_run::Run>()?;
     m.add_class::<report::Report>()?;
     m.add_class::<report::Note>()?;
     m.add_class::<report::Problem>()?;

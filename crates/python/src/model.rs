@@ -53,6 +53,15 @@ impl Model {
         self.compiled.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// A model that no file describes.
+    ///
+    /// # Errors
+    /// Those of Python's allocation.
+    pub fn made(py: Python<'_>, model: phipsi::model::Model, report: Report) -> PyResult<Self> {
+        let compiled = RwLock::new(Arc::new(Compiled::of(model)));
+        Ok(Model { compiled, report: Py::new(py, report)? })
+    }
+
     fn loaded(py: Python<'_>, read: Loaded<phipsi::model::Model>, strict: bool) -> PyResult<Self> {
         let Loaded { value, mut report } = read;
         if let Some(model) = &value

@@ -45,6 +45,11 @@ pub struct System {
 }
 
 impl System {
+    /// What a call works on.
+    pub fn loaded(&self) -> Arc<Loaded> {
+        self.loaded.clone()
+    }
+
     fn new(py: Python<'_>, loaded: LoadedMolecule, strict: bool) -> PyResult<Self> {
         let (molecule, reports) = match loaded.into_result(strict) {
             Ok(loaded) => loaded,
@@ -301,7 +306,7 @@ impl System {
     /// >>> s.energy(np.stack([s.positions, 1.01 * s.positions]))["HarmonicBondForce"].shape
     /// (2,)
     #[pyo3(signature = (positions = None))]
-    fn energy<'py>(
+    pub fn energy<'py>(
         &self,
         py: Python<'py>,
         positions: Option<&Bound<'py, PyAny>>,

@@ -1,0 +1,667 @@
+//! The class `TorsionModel`: rigid clusters and torsions of a `System`, with a state that is minimised and run.
+
+use crate::batch::{Batch, array};
+use crate::errors::{Field, argument_error, choice_error, dynamics_error, exception, potential_error};
+use crate::model::{Model, Names};
+use crate::molecule::{Loaded, System, rows, vectors};
+use crate::report::{Problem, Report};
+use crate::simulator::check_single;
+use numpy::PyArrayDyn;
+use phipsi::formats::{self, Note};
+use phipsi::molecule::torsion_model::TorsionModel as Torsion;
+use phipsi::molecule::{
+    BondKind, Clustering, Clusters, Deviates, ForceField, Hinges, MinimizeOptions, MolecularError,
+    MolecularForces, MoleculeErrors, draw_momenta, minimize, satisfied_constraints, strain,
+};
+use phipsi::motion::{Midpoint, MidpointError};
+use phipsi::recursion::articulated_sweep::SolveWorkspace;
+use phipsi::spatial::Vec3;
+use pyo3::IntoPyObjectExt;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyString};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// Positions that no configuration comes nearer than this (nm) are of other clusters; decimals of files are below.
+const OFF: f64 = 1e-3;
+
+/// What moves.
+pub struct Moving {
+    /// The force field on the clusters.
+    pub forces: MolecularForces<ForceField>,
+    /// Configuration and momenta.
+    pub method: Midpoint,
+    /// Momenta were drawn or set; otherwise a run draws them.
+    pub has_velocities: bool,
+}
+
+/// A molecule as rigid clusters that turn about bonds, and its present state.
+///
+/// The clusters keep the bond lengths and angles of the given positions. ``model`` is an ordinary Model in nm, ps and Da: every
+/// method of it applies. The model keeps its state: ``minimize`` and ``run`` go on from where the last call ended.
+///
+/// Parameters
+/// ----------
+/// s : a System.
+/// positions : (n_atoms, 3), nm; None: those of the file.
+/// clusters : "torsion" or None: every bond outside rings with more than one atom on either side is a hinge; or lists of atoms, one
+///     for each cluster.
+/// rigid : kinds of bonds that stay rigid ("omega", "planar", "methyl", "backbone_phi", "backbone_psi", "chi"), and lists of
+///     atoms that move as one body. Atoms are indices or names such as "ALA2:CA".
+/// hinges : the bonds that are hinges, pairs of atoms, in place of all rotatable ones.
+///
+/// Raises
+/// ------
+/// ArgumentError; ModelError for hinges in rings and for molecules on one line; NumericalError where the energy has no value.
+///
+/// Example
+/// -------
+/// >>> s = phipsi.molecule.System.from_files("ala_dipeptide.pdb", "ala_dipeptide.xml")
+/// >>> t = phipsi.molecule.TorsionModel(s, rigid=["omega"])
+/// >>> t
+/// <phipsi.molecule.TorsionModel: 22 atoms in 6 clusters, 11 degrees of freedom>
+/// >>> t.model.nv
+/// 11
+#[pyclass(frozen, module = "phipsi.molecule")]
+pub struct TorsionModel {
+    pub(crate) loaded: Arc<Loaded>,
+    pub(crate) torsion: Arc<Torsion>,
+    system: Py<System>,
+    model: Py<Model>,
+    moving: Mutex<Moving>,
+    /// Calls that wait for the state: a mutex alone would let a run take it again and again.
+    waiting: AtomicUsize,
+    busy: AtomicBool,
+}
+
+/// Keeps a second thread from running the same molecule.
+pub struct Busy<'a>(&'a AtomicBool);
+
+impl Drop for Busy<'_> {
+    fn drop(&mut self) {
+        self.0.store(false, Ordering::Release);
+    }
+}
+
+impl TorsionModel {
+    /// The state; to be called with the interpreter released.
+    pub fn lock(&self) -> MutexGuard<'_, Moving> {
+        self.waiting.fetch_add(1, Ordering::AcqRel);
+        let moving = self.moving.lock().unwrap_or_else(PoisonError::into_inner);
+        self.waiting.fetch_sub(1, Ordering::AcqRel);
+        moving
+    }
+    /// The state, after all calls that wait for it; to be called with the interpreter released.
+    pub fn lock_last(&self) -> MutexGuard<'_, Moving> {
+        while self.waiting.load(Ordering::Acquire) > 0 {
+            std::thread::sleep(Duration::from_micros(20));
+        }
+        self.lock()
+    }
+    /// Claims the state for a call that changes it.
+    ///
+    /// # Errors
+    /// `Error` where another thread has it.
+    pub fn claim(&self, py: Python<'_>) -> PyResult<Busy<'_>> {
+        if self.busy.swap(true, Ordering::Acquire) {
+            let message = "this torsion model is running in another thread; make one for each thread";
+            return Err(exception(py, "Error", message, vec![]));
+        }
+        Ok(Busy(&self.busy))
+    }
+    /// An error of forces on the clusters.
+    pub fn molecular_error(&self, py: Python<'_>, error: &MolecularError) -> PyErr {
+        match error {
+            MolecularError::Potential(e) => potential_error(py, e, &self.loaded.molecule.describe(e), None),
+            MolecularError::Dynamics(e) => dynamics_error(py, e, None),
+            other => exception(py, "NumericalError", &other.to_string(), vec![]),
+        }
+    }
+    /// An error of a step.
+    pub fn step_error(&self, py: Python<'_>, error: &MidpointError<MolecularError>) -> PyErr {
+        let (time, joint) = match error {
+            MidpointError::Force { cause, .. } => return self.molecular_error(py, cause),
+            MidpointError::Dynamics { cause, .. } => return dynamics_error(py, cause, None),
+            MidpointError::NotFinite { t, joint } => (*t, joint.clone()),
+            MidpointError::NotConverged { t, joint, .. } => (*t, Some(joint.clone())),
+            other => return exception(py, "NumericalError", &other.to_string(), vec![]),
+        };
+        let fields = vec![
+            ("quantity", Some("step".into())),
+            ("joint", joint.map(Field::Text)),
+            ("time", Some(Field::Number(time))),
+            ("required", Some("a step that succeeds".into())),
+            ("remedy", Some("take a smaller dt_fs, or minimize first".into())),
+        ];
+        exception(py, "NumericalError", &error.to_string(), fields)
+    }
+    fn place(&self, py: Python<'_>, q: &[f64], v: &[f64], has_velocities: bool) -> PyResult<()> {
+        let placed = py.detach(|| {
+            let mut moving = self.lock();
+            let Moving { forces, method, .. } = &mut *moving;
+            let next = Midpoint::new(self.torsion.model(), forces, method.state().t, q, v)?;
+            (moving.method, moving.has_velocities) = (next, has_velocities);
+            Ok(())
+        });
+        placed.map_err(|e| self.step_error(py, &e))
+    }
+    fn q_and_v(&self, py: Python<'_>) -> PyResult<(Vec<f64>, Vec<f64>)> {
+        let state = py.detach(|| {
+            let mut moving = self.lock();
+            let v = moving.method.velocity()?.to_vec();
+            Ok((moving.method.state().q.clone(), v))
+        });
+        state.map_err(|e| dynamics_error(py, &e, None))
+    }
+}
+
+impl Moving {
+    /// Momenta at a temperature.
+    ///
+    /// # Errors
+    /// Those of the mass matrix.
+    pub fn draw(
+        &mut self,
+        torsion: &Torsion,
+        kelvin: f64,
+        seed: u64,
+    ) -> Result<(), phipsi::recursion::DynamicsError> {
+        let layout = torsion.layout();
+        let mut p = vec![0.0; torsion.model().nv()];
+        let (mut deviates, mut workspace) = (Deviates::new(seed), SolveWorkspace::new(layout));
+        draw_momenta(layout, self.method.factors()?, kelvin, &mut deviates, &mut workspace, &mut p);
+        self.method.set_momenta(&p)?;
+        self.has_velocities = true;
+        Ok(())
+    }
+}
+
+/// A `ModelError` with every problem of a molecule.
+fn molecule_error(py: Python<'_>, errors: &MoleculeErrors) -> PyErr {
+    let problem = |e: &phipsi::molecule::MoleculeError| Problem {
+        source: None,
+        line: None,
+        place: e.place.clone(),
+        found: e.found.clone(),
+        required: e.required.clone(),
+        remedy: e.remedy.clone(),
+    };
+    let problems = errors.0.iter().map(problem).collect();
+    exception(py, "ModelError", &errors.to_string(), vec![("errors", Some(Field::Problems(problems)))])
+}
+
+/// An atom, by index or name.
+fn atom(loaded: &Loaded, object: &Bound<'_, PyAny>, argument: &str) -> PyResult<usize> {
+    let (py, atoms) = (object.py(), &loaded.molecule.atoms);
+    let n = atoms.len();
+    let found = match object.cast::<PyString>() {
+        Ok(name) => {
+            let name = name.to_string_lossy();
+            (0..n).find(|&i| atoms.label(i) == name)
+        }
+        Err(_) => object.extract::<usize>().ok().filter(|i| *i < n),
+    };
+    found.ok_or_else(|| {
+        let (shown, required) =
+            (object.repr().map(|r| r.to_string()), format!("an index below {n} or a name of atom_names"));
+        let shown = shown.unwrap_or_default();
+        let message = format!("`{argument}` has the atom {shown}, but {required} is required");
+        argument_error(py, argument, shown.into(), required.into(), &message, None)
+    })
+}
+
+fn atoms(loaded: &Loaded, object: &Bound<'_, PyAny>, argument: &str) -> PyResult<Vec<usize>> {
+    object.try_iter()?.map(|item| atom(loaded, &item?, argument)).collect()
+}
+
+fn atom_lists(loaded: &Loaded, object: &Bound<'_, PyAny>, argument: &str) -> PyResult<Vec<Vec<usize>>> {
+    object.try_iter()?.map(|item| atoms(loaded, &item?, argument)).collect()
+}
+
+fn clustering(
+    loaded: &Loaded,
+    clusters: &Bound<'_, PyAny>,
+    rigid: Option<&Bound<'_, PyAny>>,
+    hinges: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Clustering> {
+    let py = clusters.py();
+    let mut clustering = Clustering::default();
+    match clusters.cast::<PyString>() {
+        Ok(word) if word == "torsion" => {}
+        Ok(word) => return Err(choice_error(py, "clusters", &word.to_string_lossy(), &["torsion"])),
+        Err(_) => clustering.hinges = Hinges::Clusters(atom_lists(loaded, clusters, "clusters")?),
+    }
+    if let Some(hinges) = hinges {
+        if !matches!(clustering.hinges, Hinges::Rotatable) {
+            let message = "`hinges` and `clusters` are both given, but each of them tells the other";
+            let required = "one of the two".into();
+            return Err(argument_error(py, "hinges", "both".into(), required, message, None));
+        }
+        let pair = |bond: Vec<usize>| {
+            <[usize; 2]>::try_from(bond).map_err(|bond| {
+                let message = format!("`hinges` has a list of {} atoms, but pairs are required", bond.len());
+                argument_error(py, "hinges", Field::Index(bond.len()), "pairs".into(), &message, None)
+            })
+        };
+        let bonds = atom_lists(loaded, hinges, "hinges")?;
+        clustering.hinges = Hinges::Bonds(bonds.into_iter().map(pair).collect::<PyResult<_>>()?);
+    }
+    let Some(rigid) = rigid else { return Ok(clustering) };
+    let kind = |word: &str| {
+        let words: Vec<&str> = BondKind::ALL.iter().map(|k| k.word()).collect();
+        BondKind::from_word(word).ok_or_else(|| choice_error(py, "rigid", word, &words))
+    };
+    if let Ok(word) = rigid.cast::<PyString>() {
+        clustering.rigid.push(kind(&word.to_string_lossy())?);
+        return Ok(clustering);
+    }
+    for item in rigid.try_iter()? {
+        let item = item?;
+        match item.cast::<PyString>() {
+            Ok(word) => clustering.rigid.push(kind(&word.to_string_lossy())?),
+            Err(_) => clustering.groups.push(atoms(loaded, &item, "rigid")?),
+        }
+    }
+    Ok(clustering)
+}
+
+/// What was made of the molecule.
+fn report(torsion: &Torsion, kept: usize) -> Report {
+    let mut report = formats::Report::new("torsion model");
+    let clusters = torsion.clusters();
+    let what = format!(
+        "{} atoms in {} clusters, {} hinges, {} degrees of freedom",
+        torsion.atoms().len(),
+        clusters.clusters.len(),
+        clusters.hinges.len(),
+        torsion.degrees_of_freedom()
+    );
+    report.used.push(Note::new(None, "molecule", what));
+    if kept > 0 {
+        report.used.push(Note::new(None, "constraints", format!("{kept} are satisfied by the clusters")));
+    }
+    for locked in &clusters.locked {
+        let place = format!("hinge {}", torsion.atoms().bond_label(locked.atoms));
+        report.approximated.push(Note::new(None, place, format!("locked: {}", locked.why)));
+    }
+    Report::new(&report)
+}
+
+#[pymethods]
+impl TorsionModel {
+    #[new]
+    #[pyo3(signature = (s, positions = None, clusters = None, rigid = None, hinges = None))]
+    fn new(
+        py: Python<'_>,
+        s: &Bound<'_, System>,
+        positions: Option<&Bound<'_, PyAny>>,
+        clusters: Option<&Bound<'_, PyAny>>,
+        rigid: Option<&Bound<'_, PyAny>>,
+        hinges: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let loaded = s.get().loaded();
+        let positions = loaded.positions(py, positions, "positions")?;
+        check_single(py, &positions)?;
+        let mut x = vec![Vec3::zero(); loaded.molecule.atoms.len()];
+        vectors(positions.at(0), &mut x);
+        let word = PyString::new(py, "torsion").into_any();
+        let clustering = clustering(&loaded, clusters.unwrap_or(&word), rigid, hinges)?;
+        let built = py.detach(|| {
+            let atoms = &loaded.molecule.atoms;
+            let clusters = Clusters::new(atoms, &x, &clustering)?;
+            let kept = satisfied_constraints(atoms, &clusters, &loaded.molecule.system)?;
+            Ok((Torsion::new(atoms, &x, clusters)?, kept))
+        });
+        let (torsion, kept) = built.map_err(|e| molecule_error(py, &e))?;
+        let torsion = Arc::new(torsion);
+        let model = Py::new(py, Model::made(py, torsion.model().clone(), report(&torsion, kept))?)?;
+        let mut forces = MolecularForces::new(torsion.clone(), loaded.field.clone());
+        let method = py.detach(|| {
+            let (q, v) = (torsion.model().neutral::<f64>(), vec![0.0; torsion.model().nv()]);
+            Midpoint::new(torsion.model(), &mut forces, 0.0, &q, &v)
+        });
+        let describe = |e: MidpointError<MolecularError>| match e {
+            MidpointError::Force { cause: MolecularError::Potential(e), .. } => {
+                potential_error(py, &e, &loaded.molecule.describe(&e), None)
+            }
+            MidpointError::Dynamics { cause, .. } => dynamics_error(py, &cause, None),
+            other => exception(py, "NumericalError", &other.to_string(), vec![]),
+        };
+        let method = method.map_err(describe)?;
+        let moving = Mutex::new(Moving { forces, method, has_velocities: false });
+        let (system, waiting, busy) = (s.clone().unbind(), AtomicUsize::new(0), AtomicBool::new(false));
+        Ok(TorsionModel { loaded, torsion, system, model, moving, waiting, busy })
+    }
+    /// The System.
+    #[getter]
+    fn system(&self, py: Python<'_>) -> Py<System> {
+        self.system.clone_ref(py)
+    }
+    /// The clusters as bodies and the hinges as joints: a Model in nm, ps, Da, kJ/mol. Its report tells which hinges are locked.
+    #[getter]
+    fn model(&self, py: Python<'_>) -> Py<Model> {
+        self.model.clone_ref(py)
+    }
+    /// Number of degrees of freedom: hinges, and 6 for every molecule (3 for a single atom).
+    #[getter]
+    fn degrees_of_freedom(&self) -> usize {
+        self.torsion.degrees_of_freedom()
+    }
+    /// Atoms of each cluster.
+    #[getter]
+    fn clusters(&self) -> Vec<Vec<usize>> {
+        self.torsion.clusters().clusters.clone()
+    }
+    /// The hinges: (joint of ``model``, its two atoms, kind of the bond).
+    #[getter]
+    fn hinges(&self) -> Vec<(String, (usize, usize), &'static str)> {
+        let hinges = self.torsion.clusters().hinges.iter().enumerate();
+        let joint =
+            |h: usize| self.torsion.layout().joint_of_velocity(self.torsion.hinge_dof(h)).0.to_string();
+        hinges.map(|(h, hinge)| (joint(h), (hinge.atoms[0], hinge.atoms[1]), hinge.kind.word())).collect()
+    }
+    /// Present time, ps.
+    #[getter]
+    fn time_ps(&self, py: Python<'_>) -> f64 {
+        py.detach(|| self.lock().method.state().t)
+    }
+    /// Present configuration (nq,), as in ``model``: hinge angles are increments from the given positions. Settable; the
+    /// velocities are then forgotten, and the next run draws them.
+    #[getter]
+    fn q<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let q = py.detach(|| self.lock().method.state().q.clone());
+        let n = q.len();
+        array(py, q, vec![n])
+    }
+    #[setter]
+    fn set_q(&self, py: Python<'_>, q: &Bound<'_, PyAny>) -> PyResult<()> {
+        let _busy = self.claim(py)?;
+        let argument = self.model.get().compiled().q(q, "q")?;
+        check_single(py, &argument)?;
+        let mut q = argument.at(0).to_vec();
+        self.torsion.model().normalize(&mut q);
+        self.place(py, &q, &vec![0.0; self.torsion.model().nv()], false)
+    }
+    /// Present generalized velocities (nv,), as in ``model``: rad/ps and nm/ps. Settable.
+    #[getter]
+    fn v<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let (_, v) = self.q_and_v(py)?;
+        let n = v.len();
+        array(py, v, vec![n])
+    }
+    #[setter]
+    fn set_v(&self, py: Python<'_>, v: &Bound<'_, PyAny>) -> PyResult<()> {
+        let _busy = self.claim(py)?;
+        let v = self.model.get().compiled().v(v, "v")?;
+        check_single(py, &v)?;
+        let (q, _) = self.q_and_v(py)?;
+        self.place(py, &q, v.at(0), true)
+    }
+    /// Present positions of the atoms, nm: (n_atoms, 3). Settable to positions of the same rigid clusters; the velocities are
+    /// then forgotten, and the next run draws them.
+    #[getter]
+    fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let x = py.detach(|| {
+            let q = self.lock().method.state().q.clone();
+            self.torsion.positions(&q)
+        });
+        rows(py, &x.map_err(|e| dynamics_error(py, &e, None))?)
+    }
+    #[setter]
+    fn set_positions(&self, py: Python<'_>, positions: &Bound<'_, PyAny>) -> PyResult<()> {
+        let _busy = self.claim(py)?;
+        let positions = self.loaded.positions(py, Some(positions), "positions")?;
+        check_single(py, &positions)?;
+        let q = self.configuration(py, positions.at(0))?;
+        self.place(py, &q, &vec![0.0; self.torsion.model().nv()], false)
+    }
+    /// Present velocities of the atoms, nm/ps: (n_atoms, 3). Settable; of velocities that the clusters cannot have, those with
+    /// the same generalized momenta are taken.
+    #[getter]
+    fn velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let (q, v) = self.q_and_v(py)?;
+        let u = py.detach(|| {
+            let (mut poses, mut x) = (self.torsion.poses(), vec![Vec3::zero(); self.torsion.atoms().len()]);
+            self.torsion.positions_into(&q, &mut poses, &mut x)?;
+            self.torsion.velocities_into(&poses, &v, &mut x)?;
+            Ok(x)
+        });
+        rows(py, &u.map_err(|e: phipsi::recursion::DynamicsError| dynamics_error(py, &e, None))?)
+    }
+    #[setter]
+    fn set_velocities(&self, py: Python<'_>, velocities: &Bound<'_, PyAny>) -> PyResult<()> {
+        let _busy = self.claim(py)?;
+        let velocities = self.loaded.positions(py, Some(velocities), "velocities")?;
+        check_single(py, &velocities)?;
+        let set = py.detach(|| {
+            let (torsion, mut moving) = (&self.torsion, self.lock());
+            let mut x = vec![Vec3::zero(); torsion.atoms().len()];
+            let mut poses = torsion.poses();
+            torsion.positions_into(&moving.method.state().q, &mut poses, &mut x)?;
+            vectors(velocities.at(0), &mut x);
+            x.iter_mut().zip(&torsion.atoms().masses).for_each(|(u, mass)| *u = u.scale(*mass));
+            let mut p = vec![0.0; torsion.model().nv()];
+            torsion.gather_into(&poses, &x, &mut torsion.gather_workspace(), &mut p)?;
+            moving.method.set_momenta(&p)?;
+            moving.has_velocities = true;
+            Ok(())
+        });
+        set.map_err(|e: phipsi::recursion::DynamicsError| dynamics_error(py, &e, None))
+    }
+    /// What is wrong with the present positions: text where an atom feels more than 1e5 kJ/mol/nm, otherwise None.
+    #[getter]
+    fn strain(&self, py: Python<'_>) -> PyResult<Option<String>> {
+        let _busy = self.claim(py)?;
+        self.present_strain(py)
+    }
+    /// Draws velocities from the Maxwell–Boltzmann distribution of the clusters.
+    ///
+    /// ``temperature_K``: at least 0. ``seed``: the same one gives the same velocities.
+    ///
+    /// Raises ArgumentError.
+    ///
+    /// Example
+    /// -------
+    /// >>> s = phipsi.molecule.System.from_files("ala_dipeptide.pdb", "ala_dipeptide.xml")
+    /// >>> t = phipsi.molecule.TorsionModel(s)
+    /// >>> t.draw_velocities(300, seed=1)
+    /// >>> bool(t.model.kinetic_energy(t.q, t.v) > 0)
+    /// True
+    #[pyo3(signature = (temperature_K = 300.0, seed = 0))]
+    #[allow(non_snake_case)]
+    fn draw_velocities(&self, py: Python<'_>, temperature_K: f64, seed: u64) -> PyResult<()> {
+        let _busy = self.claim(py)?;
+        check_temperature(py, temperature_K)?;
+        let drawn = py.detach(|| self.lock().draw(&self.torsion, temperature_K, seed));
+        drawn.map_err(|e| dynamics_error(py, &e, None))
+    }
+    /// Energy of every term and their sum at the present positions, kJ/mol; as ``System.energy``.
+    ///
+    /// Example
+    /// -------
+    /// >>> s = phipsi.molecule.System.from_files("ala_dipeptide.pdb", "ala_dipeptide.xml")
+    /// >>> t = phipsi.molecule.TorsionModel(s)
+    /// >>> bool(np.isclose(t.energy()["total"], s.energy()["total"]))
+    /// True
+    fn energy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let positions = self.positions(py)?.into_any();
+        self.system.get().energy(py, Some(&positions))
+    }
+    /// Positions of the atoms at configurations.
+    ///
+    /// ``q``: (…, nq). Returns (…, n_atoms, 3), nm.
+    ///
+    /// Raises ArgumentError; NumericalError for numbers that are not finite.
+    ///
+    /// Example
+    /// -------
+    /// >>> s = phipsi.molecule.System.from_files("ala_dipeptide.pdb", "ala_dipeptide.xml")
+    /// >>> t = phipsi.molecule.TorsionModel(s)
+    /// >>> q = t.model.neutral()
+    /// >>> q[t.model.joint_q_offset("ALA2:N-CA")] = np.pi
+    /// >>> t.atom_positions(q).shape, bool(np.allclose(t.atom_positions(t.model.neutral()), s.positions))
+    /// ((22, 3), True)
+    fn atom_positions<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        let compiled = self.model.get().compiled();
+        let mut q = compiled.q(q, "q")?;
+        let (batch, n) = (Batch::of(py, [&mut q])?, self.torsion.atoms().len());
+        let workspace = || (self.torsion.poses(), vec![Vec3::zero(); n]);
+        let out = batch.each(py, 3 * n, workspace, |(poses, x), i, out| {
+            self.torsion.positions_into(q.at(i), poses, x)?;
+            out.chunks_exact_mut(3).zip(x).for_each(|(out, x)| out.copy_from_slice(&x.0));
+            Ok(())
+        });
+        compiled.result(py, &batch, out, Names::Other("position"), &[n, 3])
+    }
+    /// The configuration (nq,) of positions (n_atoms, 3) of the same rigid clusters, nm.
+    ///
+    /// Raises ArgumentError, also where an atom would be off by more than 0.001 nm.
+    ///
+    /// Example
+    /// -------
+    /// >>> s = phipsi.molecule.System.from_files("ala_dipeptide.pdb", "ala_dipeptide.xml")
+    /// >>> t = phipsi.molecule.TorsionModel(s)
+    /// >>> bool(np.allclose(t.coordinates(s.positions + [1, 2, 3])[:3], t.model.neutral()[:3] + [1, 2, 3]))
+    /// True
+    fn coordinates<'py>(
+        &self,
+        py: Python<'py>,
+        positions: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let positions = self.loaded.positions(py, Some(positions), "positions")?;
+        check_single(py, &positions)?;
+        let q = self.configuration(py, positions.at(0))?;
+        let n = q.len();
+        array(py, q, vec![n])
+    }
+    /// Minimises the energy over torsions, and over positions and orientations of molecules, from the present state.
+    ///
+    /// The velocities are then forgotten: the next run draws them.
+    ///
+    /// Parameters
+    /// ----------
+    /// largest_force : of all generalized forces at the end, kJ/mol/rad and kJ/mol/nm.
+    /// evaluations : at most so many of the force field.
+    ///
+    /// Returns
+    /// -------
+    /// Minimum with energy, largest_force, joint, evaluations, converged, strain.
+    ///
+    /// Raises
+    /// ------
+    /// ArgumentError; NumericalError where the energy has no value.
+    ///
+    /// Example
+    /// -------
+    /// >>> s = phipsi.molecule.System.from_files("ala_dipeptide.pdb", "ala_dipeptide.xml")
+    /// >>> t = phipsi.molecule.TorsionModel(s)
+    /// >>> m = t.minimize()
+    /// >>> m.converged, bool(m.energy < s.energy()["total"])
+    /// (True, True)
+    #[pyo3(signature = (largest_force = 0.01, evaluations = 10000))]
+    fn minimize(&self, py: Python<'_>, largest_force: f64, evaluations: usize) -> PyResult<Minimum> {
+        let _busy = self.claim(py)?;
+        if !(largest_force >= 0.0 && largest_force.is_finite()) {
+            let message =
+                format!("`largest_force` is {largest_force}, but a finite number of at least 0 is required");
+            let (found, required) = (Field::Number(largest_force), "a finite number, at least 0".into());
+            return Err(argument_error(py, "largest_force", found, required, &message, None));
+        }
+        let options = MinimizeOptions { largest_force, evaluations, ..MinimizeOptions::default() };
+        let found = py.detach(|| {
+            let mut moving = self.lock();
+            let q = moving.method.state().q.clone();
+            minimize(&mut moving.forces, &q, &options)
+        });
+        let (minimum, strain) = found.map_err(|e| self.molecular_error(py, &e))?;
+        self.place(py, &minimum.q, &vec![0.0; self.torsion.model().nv()], false)?;
+        Ok(Minimum {
+            energy: minimum.energy,
+            largest_force: minimum.largest_force,
+            joint: minimum.joint,
+            evaluations: minimum.evaluations,
+            converged: minimum.converged,
+            strain: strain.map(|s| s.to_string()),
+        })
+    }
+    fn __repr__(&self) -> String {
+        let (n, clusters) = (self.torsion.atoms().len(), self.torsion.clusters().clusters.len());
+        let freedom = self.torsion.degrees_of_freedom();
+        format!(
+            "<phipsi.molecule.TorsionModel: {n} atoms in {clusters} clusters, {freedom} degrees of freedom>"
+        )
+    }
+}
+
+impl TorsionModel {
+    /// What is wrong with the present positions; the state has been claimed.
+    pub fn present_strain(&self, py: Python<'_>) -> PyResult<Option<String>> {
+        let found = py.detach(|| {
+            let mut moving = self.lock();
+            let q = moving.method.state().q.clone();
+            strain(&mut moving.forces, &q)
+        });
+        Ok(found.map_err(|e| self.molecular_error(py, &e))?.map(|s| s.to_string()))
+    }
+    /// The configuration of positions.
+    fn configuration(&self, py: Python<'_>, numbers: &[f64]) -> PyResult<Vec<f64>> {
+        let mut x = vec![Vec3::zero(); self.torsion.atoms().len()];
+        vectors(numbers, &mut x);
+        let (q, off) = self.torsion.coordinates(&x).map_err(|e| dynamics_error(py, &e, None))?;
+        if off <= OFF {
+            return Ok(q);
+        }
+        let message = format!(
+            "`positions` are not those of these rigid clusters: an atom would be off by {off:.2e} nm, and at most {OFF} nm \
+             are allowed; make a new TorsionModel(s, positions) to take over their bond lengths and angles"
+        );
+        let required = format!("at most {OFF} nm from a configuration of the clusters");
+        let remedy = Some("make a new TorsionModel(s, positions)");
+        Err(argument_error(py, "positions", Field::Number(off), required.into(), &message, remedy))
+    }
+}
+
+/// # Errors
+/// `ArgumentError`.
+pub fn check_temperature(py: Python<'_>, kelvin: f64) -> PyResult<()> {
+    if kelvin >= 0.0 && kelvin.is_finite() {
+        return Ok(());
+    }
+    let message = format!("`temperature_K` is {kelvin}, but a finite number of at least 0 is required");
+    let required = "a finite number, at least 0".into();
+    Err(argument_error(py, "temperature_K", Field::Number(kelvin), required, &message, None))
+}
+
+/// Where a minimisation ended.
+///
+/// ``energy``: kJ/mol. ``largest_force``: of all generalized forces, kJ/mol/rad or kJ/mol/nm, at ``joint``. ``evaluations``:
+/// of the force field. ``converged``: the force is as small as was asked for. ``strain``: what was wrong with the start, None
+/// unless an atom felt more than 1e5 kJ/mol/nm.
+#[pyclass(frozen, get_all, module = "phipsi.molecule")]
+pub struct Minimum {
+    /// Energy of the minimum, kJ/mol.
+    pub energy: f64,
+    /// Largest generalized force, kJ/mol/rad or kJ/mol/nm.
+    pub largest_force: f64,
+    /// The joint with that force.
+    pub joint: String,
+    /// Evaluations of the force field.
+    pub evaluations: usize,
+    /// The force is as small as was asked for.
+    pub converged: bool,
+    /// What was wrong with the start.
+    pub strain: Option<String>,
+}
+
+#[pymethods]
+impl Minimum {
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        let Minimum { energy, largest_force, evaluations, .. } = self;
+        let converged = self.converged.into_bound_py_any(py)?;
+        Ok(format!(
+            "Minimum(energy={energy:.6}, largest_force={largest_force:.1e}, evaluations={evaluations}, \
+             converged={converged})"
+        ))
+    }
+}
