@@ -5,11 +5,12 @@
 //! | `batch` | array-likes as states, broadcasting, the loop over states |
 //! | `model`, `dynamics`, `kinematics` | methods of the class `Model` |
 //! | `molecule` | methods of the class `System`: energies and forces of molecules |
-//! | `torsion_model`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
+//! | `torsion_model`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
 //! | `simulate`, `trajectory`, `simulator` | motion |
 //! | `errors`, `report` | exceptions with fields, reports of readers |
 
 mod batch;
+mod clustering;
 mod dynamics;
 mod errors;
 mod kinematics;

@@ -5,7 +5,8 @@ use pyo3::prelude::*;
 
 /// Something that was used, approximated or ignored.
 ///
-/// ``source``: the file, or None. ``line``: in the file, from 1, or None. ``place``: where, by the user's name. ``what``: what it is.
+/// ``source``: the file, or None. ``line``: in it, from 1, or None. ``place``: where, by the user's name. ``what``: what it
+/// is.
 #[pyclass(frozen, get_all, module = "phipsi")]
 #[derive(Clone, Debug)]
 pub struct Note {
@@ -28,8 +29,8 @@ impl Note {
 
 /// Something that is wrong with a file.
 ///
-/// ``source``: the file, or None. ``line``: in it, from 1, or None. ``place``: where. ``found``, ``required``, ``remedy``: what was found, what is
-/// required, what to do.
+/// ``source``: the file, or None. ``line``: in it, from 1, or None. ``place``: where. ``found``, ``required``, ``remedy``:
+/// what was found, what is required, what to do.
 #[pyclass(frozen, get_all, module = "phipsi")]
 #[derive(Clone, Debug)]
 pub struct Problem {
@@ -61,7 +62,8 @@ fn in_line(line: Option<u32>) -> String {
 
 /// Everything a reader has to say about a file, or about files that belong together; ``print(report)`` shows it for people.
 ///
-/// ``source``: the file; several are separated by commas. ``used``, ``approximated``, ``ignored``: lists of Note. ``warnings``, ``errors``: lists of Problem.
+/// ``source``: the file; several are separated by commas. ``used``, ``approximated``, ``ignored``: lists of Note.
+/// ``warnings``, ``errors``: lists of Problem.
 ///
 /// Example
 /// -------
