@@ -88,6 +88,12 @@ pub struct PdbAtom {
 /// # Ok::<(), Box<phipsi_formats::Report>>(())
 /// ```
 pub fn read_pdb(text: &str, source: &str) -> Loaded<Pdb> {
+    if text.trim_start().starts_with('<') {
+        let mut report = Report::new(source);
+        let to_do = "give the PDB file first and the System in XML second";
+        report.errors.push(Problem::new(Some(1), "file", "XML", "a PDB file", to_do));
+        return Loaded { value: None, report };
+    }
     let mut reader = Reader::new(source);
     for (number, line) in (1u32..).zip(text.lines()) {
         reader.line(number, line);

@@ -334,3 +334,10 @@ fn case(seed: u64) -> bool {
     assert!(pdb.bonds.iter().all(|[i, j]| i < j && *j < pdb.atoms.len()));
     true
 }
+
+#[test]
+fn a_system_in_the_place_of_a_pdb_is_one_error() {
+    let read = read_pdb("<?xml version=\"1.0\" ?>\n<System>\n<Particles/>\n</System>\n", "swapped.xml");
+    assert!(read.value.is_none());
+    assert_eq!((read.report.errors.len(), read.report.errors[0].found.as_str()), (1, "XML"));
+}

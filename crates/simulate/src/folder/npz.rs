@@ -8,8 +8,8 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 use zip::write::SimpleFileOptions;
 
-/// Writes t (n), q (n, nq), v (n, nv), energy (n, 3: kinetic, potential, work), momentum (n, 6: angular, linear) and each
-/// output (n).
+/// Writes t (n), q (n, nq), v (n, nv), energy (n, 3: kinetic, potential, work), momentum (n, 6: angular, linear), each
+/// force-field term (n) and each output (n).
 ///
 /// # Errors
 /// [`SimulateError::File`].
@@ -35,10 +35,13 @@ pub fn write(path: &Path, columns: &Columns, rows: &[Row]) -> Result<(), Simulat
         array("v", Some(columns.v.len()), &mut rows.iter().flat_map(|r| r.v.iter().copied()))?;
         array("energy", Some(3), &mut rows.iter().flat_map(|r| r.energy))?;
         array("momentum", Some(6), &mut rows.iter().flat_map(|r| r.momentum))?;
+        // A slash would make a folder inside the archive.
+        let safe = |name: &str| name.replace(['/', '\\'], "_");
+        for (i, name) in columns.terms.iter().enumerate() {
+            array(&format!("energy.{}", safe(name)), None, &mut rows.iter().map(|r| r.terms[i]))?;
+        }
         for (i, name) in columns.outputs.iter().enumerate() {
-            // A slash would make a folder inside the archive.
-            let name = format!("output.{}", name.replace(['/', '\\'], "_"));
-            array(&name, None, &mut rows.iter().map(|r| r.outputs[i]))?;
+            array(&format!("output.{}", safe(name)), None, &mut rows.iter().map(|r| r.outputs[i]))?;
         }
         Ok(())
     };
