@@ -8,7 +8,7 @@ use crate::trajectory::Trajectory;
 use phipsi::model::State;
 use phipsi::motion::forces::Control;
 use phipsi::motion::{Force, Method};
-use phipsi_simulate::run::LimitPassed;
+use phipsi_simulate::LimitPassed;
 use phipsi_simulate::{
     Choice, Observer, Progress, Recording, Row, SimulateError, Simulation, StepRecord, run,
 };

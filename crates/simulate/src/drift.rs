@@ -7,7 +7,7 @@
 //! | error | standard error of the slope, √(Σ r²/(n − 2) / Σ (t − t̄)²), as if the residuals r were independent |
 //! | noise | root mean square of r |
 
-use crate::run::Row;
+use crate::record::Row;
 
 /// The line through an energy.
 #[derive(Clone, Copy, Debug, PartialEq)]

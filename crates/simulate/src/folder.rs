@@ -22,7 +22,8 @@ pub mod table;
 
 use crate::error::SimulateError;
 use crate::level::instruction_level;
-use crate::run::{Observer, Progress, Row, StepRecord, Summary, resume, run, spread};
+use crate::record::{Observer, Row, StepRecord, spread};
+use crate::run::{Progress, Summary, resume, run};
 use crate::scene::{self, Scene};
 use crate::simulation::Simulation;
 use atoms::AtomWriter;

@@ -13,6 +13,7 @@ pub mod level;
 pub mod molecule;
 pub mod output;
 pub mod page;
+pub mod record;
 pub mod run;
 pub mod run_page;
 pub mod scene;
@@ -20,5 +21,6 @@ pub mod simulation;
 
 pub use error::SimulateError;
 pub use output::{Output, Quantity};
-pub use run::{Observer, Progress, Recording, Row, RunState, StepRecord, Summary, resume, run};
+pub use record::{LimitPassed, Observer, Recording, Row, StepRecord};
+pub use run::{Progress, RunState, Summary, resume, run};
 pub use simulation::{Choice, Simulation};

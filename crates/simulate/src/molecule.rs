@@ -1,7 +1,7 @@
 //! What a scene of a molecule has besides its mechanism: atoms, their positions, backbone angles, a drawing.
 
 use crate::page::{Drawing, DrawnBody};
-use crate::run::Row;
+use crate::record::Row;
 use phipsi_molecule::TorsionModel;
 use phipsi_recursion::{DynamicsError, Kinematics};
 use phipsi_spatial::{Quaternion, Vec3};

@@ -4,7 +4,7 @@ use crate::folder::results::{RunFile, Status};
 use crate::folder::summary::summary;
 use crate::folder::table::Columns;
 use crate::page::{Chart, Drawing, DrawnBody, PageData, Series, equivalent_box, render};
-use crate::run::{Row, StepRecord, spread};
+use crate::record::{Row, StepRecord, spread};
 use crate::scene::Scene;
 use crate::simulation::Simulation;
 use phipsi_recursion::Kinematics;

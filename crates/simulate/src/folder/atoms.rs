@@ -2,7 +2,7 @@
 
 use crate::error::SimulateError;
 use crate::molecule::Molecule;
-use crate::run::Row;
+use crate::record::Row;
 use crate::simulation::Simulation;
 use phipsi_formats::dcd::{DcdError, DcdTiming, DcdWriter};
 use std::path::Path;

@@ -2,7 +2,8 @@
 
 use crate::error::SimulateError;
 use crate::level::instruction_level;
-use crate::run::{LimitPassed, RunState};
+use crate::record::LimitPassed;
+use crate::run::RunState;
 use phipsi_motion::{Conserved, IntegratorState, MidpointState, StepperState};
 use serde::{Deserialize, Serialize};
 use std::io::Write;

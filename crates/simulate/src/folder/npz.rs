@@ -2,7 +2,7 @@
 
 use super::table::Columns;
 use crate::error::SimulateError;
-use crate::run::Row;
+use crate::record::Row;
 use npyz::WriterBuilder;
 use std::io::{BufWriter, Write};
 use std::path::Path;

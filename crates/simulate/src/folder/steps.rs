@@ -1,7 +1,7 @@
 //! `checkpoint/steps.bin`: end and imbalances of every accepted step, four little-endian f64 each.
 
 use crate::error::SimulateError;
-use crate::run::StepRecord;
+use crate::record::StepRecord;
 use std::fs::{File, OpenOptions};
 use std::io::{BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};

@@ -3,7 +3,7 @@
 //! A resumed run writes over the rows behind its checkpoint in place, so that the file never gets shorter.
 
 use crate::error::SimulateError;
-use crate::run::Row;
+use crate::record::Row;
 use crate::simulation::Simulation;
 use phipsi_model::{JointKind, Model};
 use std::fmt::Write as _;
