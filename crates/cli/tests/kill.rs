@@ -58,6 +58,15 @@ fn read(folder: &Path, file: &str) -> Vec<u8> {
     std::fs::read(folder.join(file)).unwrap()
 }
 
+/// Waits until a run has written a file; the first checkpoint comes after a small part of the run.
+fn wait_for(file: &Path) {
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while !file.exists() {
+        assert!(Instant::now() < deadline, "{} never appeared", file.display());
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
 /// The results without what differs between equal runs: wall time and the folder's name.
 fn results(folder: &Path) -> serde_json::Value {
     let mut value: serde_json::Value = serde_json::from_slice(&read(folder, "run.json")).unwrap();
@@ -153,13 +162,13 @@ fn an_interrupted_run_says_how_to_go_on_and_goes_on() {
     let scratch = tempfile::tempdir().unwrap();
     let folder = scratch.path();
     std::fs::write(folder.join("scene.toml"), SCENE).unwrap();
-    let (whole, took) = uninterrupted(folder);
+    let (whole, _) = uninterrupted(folder);
     let child = phipsi(&["run", "scene.toml", "--out", "half"], folder)
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    std::thread::sleep(took.mul_f64(0.4));
+    wait_for(&folder.join("half/checkpoint/state.json"));
     let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     assert!(killed.success());
     let output = child.wait_with_output().unwrap();
@@ -186,16 +195,15 @@ fn another_instruction_level_is_told() {
     let scratch = tempfile::tempdir().unwrap();
     let folder = scratch.path();
     std::fs::write(folder.join("scene.toml"), SCENE).unwrap();
-    let (_, took) = uninterrupted(folder);
     let mut child = phipsi(&["run", "scene.toml", "--out", "moved"], folder)
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    std::thread::sleep(took.mul_f64(0.5));
+    let state = folder.join("moved/checkpoint/state.json");
+    wait_for(&state);
     child.kill().unwrap();
     child.wait().unwrap();
-    let state = folder.join("moved/checkpoint/state.json");
     let text = std::fs::read_to_string(&state).unwrap();
     let (before, rest) = text.split_once("\"level\":\"").unwrap();
     let rest = rest.split_once('"').unwrap().1;
@@ -215,9 +223,7 @@ fn a_folder_in_use_and_a_full_one_are_refused() {
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    while !folder.join("busy/run.json").exists() {
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    wait_for(&folder.join("busy/run.json"));
     let second = phipsi(&["run", "--resume", "busy"], folder).output().unwrap();
     let full = phipsi(&["run", "scene.toml", "--out", "busy"], folder).output().unwrap();
     child.kill().unwrap();
