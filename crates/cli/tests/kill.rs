@@ -233,3 +233,26 @@ fn a_folder_in_use_and_a_full_one_are_refused() {
     assert_eq!(full.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&full.stderr).contains("not empty"));
 }
+
+/// A force that grows beyond all bounds at t = 0.5 s: the run stops, says where, and keeps the last good state.
+#[test]
+fn a_run_that_fails_keeps_its_last_good_state() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    let scene = "[[body]]\nname = \"rod\"\ninertial = { mass = 1, inertia = { ixx = 1, iyy = 1, izz = 1 } }\n[[joint]]\n\
+                 name = \"hinge\"\ntype = \"continuous\"\nparent = \"world\"\nchild = \"rod\"\n[[force]]\nkind = \"torque\"\n\
+                 joint = \"hinge\"\nvalue = \"1/(0.5-t)^2\"\n[integrator]\nt_end = 1\n";
+    std::fs::write(folder.join("scene.toml"), scene).unwrap();
+    let output = phipsi(&["run", "scene.toml", "--out", "failing"], folder).output().unwrap();
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{errors}");
+    assert!(errors.contains("at t = 0.49999"), "{errors}");
+    let run: serde_json::Value = serde_json::from_slice(&read(folder, "failing/run.json")).unwrap();
+    assert_eq!(run["status"], "failed");
+    let text = read(folder, "failing/checkpoint/state.json");
+    let checkpoint: serde_json::Value = serde_json::from_slice(&text).unwrap();
+    let t = checkpoint["state"]["stepper"]["Explicit"]["t"].as_f64().unwrap();
+    assert!(t > 0.4999 && t < 0.5, "the checkpoint is at {t}");
+    let rows = String::from_utf8(read(folder, "failing/trajectory.csv")).unwrap();
+    assert_eq!(rows.lines().last().unwrap().split(',').next(), Some("0.495"));
+}

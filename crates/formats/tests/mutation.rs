@@ -10,9 +10,6 @@ use phipsi_model::{Base, Model, Random, Severity};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
-/// A case takes milliseconds; what takes this long hangs or costs more than linear time.
-const HANGS: Duration = Duration::from_secs(10);
-
 /// Everything that the reader knows, and some that it does not.
 const EVERYTHING: &str = include_str!("mutation/everything.urdf");
 
@@ -143,7 +140,6 @@ fn fuzz(name: &str, case: impl Fn(u64) -> bool) {
             }
         }
         slowest = slowest.max((began.elapsed(), seed));
-        assert!(slowest.0 < HANGS, "{name}: seed {seed} took {:?}", slowest.0);
         seed += 1;
     }
     let (cases, (slowest, slow_seed)) = (seed - first, slowest);

@@ -82,6 +82,7 @@ pub fn balance(
 
 /// Largest imbalances of a run, absolute, with the scales that make them relative.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Conserved {
     start: Option<(f64, [f64; 6])>,
     /// Largest |E − E₀ − W|, J.
@@ -112,15 +113,6 @@ impl Conserved {
             self.momentum_scale[i] = self.momentum_scale[i].max(b.momentum_scale[i]);
         }
         now
-    }
-    /// The start's energy (less work) and momentum (less impulse), for a checkpoint.
-    pub fn start(&self) -> Option<(f64, [f64; 6])> {
-        self.start
-    }
-    /// Continues from a checkpoint.
-    pub fn with_start(mut self, start: Option<(f64, [f64; 6])>) -> Self {
-        self.start = start;
-        self
     }
     /// `energy_error`: relative imbalance; 0 where nothing moved.
     pub fn energy_error(&self) -> f64 {

@@ -118,6 +118,7 @@ pub struct StepInfo {
 
 /// Everything that continues a run bit for bit.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct IntegratorState {
     /// Time.
     pub t: f64,

@@ -106,6 +106,7 @@ impl<E: fmt::Display + fmt::Debug> std::error::Error for MidpointError<E> {}
 
 /// Everything that continues bit for bit.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MidpointState {
     /// Time.
     pub t: f64,

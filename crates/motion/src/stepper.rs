@@ -83,6 +83,7 @@ impl std::error::Error for StepError {}
 
 /// Everything that continues a run bit for bit.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum StepperState {
     /// Of an explicit method.
     Explicit(IntegratorState),

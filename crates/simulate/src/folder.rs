@@ -23,7 +23,7 @@ pub mod table;
 use crate::error::SimulateError;
 use crate::level::instruction_level;
 use crate::record::{Observer, Row, StepRecord, spread};
-use crate::run::{Progress, Summary, resume, run};
+use crate::run::{Progress, RunState, Summary, resume, run};
 use crate::scene::{self, Scene};
 use crate::simulation::Simulation;
 use atoms::AtomWriter;
@@ -164,12 +164,12 @@ impl RunFolder {
             Recorder::open(&self.path, &self.scene.simulation, checkpoint.as_ref(), every, watcher)?;
         let simulation = &mut self.scene.simulation;
         let result = match checkpoint {
-            Some(c) => resume(simulation, c.into_state(), &mut recorder),
+            Some(c) => resume(simulation, c.state, &mut recorder),
             None => run(simulation, &mut recorder),
         };
         match result {
             Ok(summary) => {
-                recorder.last_checkpoint()?;
+                recorder.sync()?;
                 if summary.finished {
                     recorder.table.finish()?;
                 }
@@ -179,7 +179,7 @@ impl RunFolder {
             }
             Err(e) => {
                 // The first error is the one to tell; writing what there is may fail too.
-                let _ = recorder.last_checkpoint();
+                let _ = recorder.sync();
                 self.file.status = Status::Failed;
                 self.file.error = Some(e.to_string());
                 let _ = self.write_file();
@@ -233,8 +233,8 @@ struct Recorder<'a> {
     columns: Columns,
     every: Duration,
     written: Instant,
-    state: Option<crate::run::RunState>,
     rows: u64,
+    step_count: u64,
     atoms: Option<AtomWriter>,
     watcher: &'a mut dyn Watcher,
 }
@@ -260,10 +260,10 @@ impl<'a> Recorder<'a> {
             }
             None => TableWriter::create(&csv, columns.clone())?,
         };
-        let steps =
-            StepWriter::open(&folder.join("checkpoint/steps.bin"), checkpoint.map_or(0, |c| c.steps()))?;
+        let step_count = checkpoint.map_or(0, |c| c.state.steps);
+        let steps = StepWriter::open(&folder.join("checkpoint/steps.bin"), step_count)?;
         let every = Duration::try_from_secs_f64(every).unwrap_or(Duration::MAX);
-        let rows = checkpoint.map_or(0, |c| c.rows());
+        let rows = checkpoint.map_or(0, |c| c.state.rows);
         let before = match simulation.molecule {
             Some(_) if rows > 0 => read_rows(&csv, &columns, rows)?,
             _ => Vec::new(),
@@ -276,13 +276,13 @@ impl<'a> Recorder<'a> {
             columns,
             every,
             written: Instant::now(),
-            state: None,
             rows,
+            step_count,
             atoms,
             watcher,
         })
     }
-    fn write(&mut self, state: &crate::run::RunState) -> Result<(), SimulateError> {
+    fn write(&mut self, state: RunState) -> Result<(), SimulateError> {
         // The files first: a checkpoint never points behind their ends.
         let table_bytes = self.table.sync()?;
         self.steps.sync()?;
@@ -290,11 +290,9 @@ impl<'a> Recorder<'a> {
         self.written = Instant::now();
         Ok(())
     }
-    fn last_checkpoint(&mut self) -> Result<(), SimulateError> {
-        match self.state.take() {
-            Some(state) => self.write(&state),
-            None => self.table.sync().and_then(|_| self.steps.sync()),
-        }
+    fn sync(&mut self) -> Result<(), SimulateError> {
+        self.table.sync()?;
+        self.steps.sync()
     }
 }
 
@@ -307,13 +305,14 @@ impl Observer for Recorder<'_> {
         self.table.row(row)
     }
     fn step(&mut self, step: &StepRecord, progress: &Progress<'_>) -> Result<(), SimulateError> {
+        self.step_count += 1;
         self.steps.step(step)?;
         self.watcher.step(progress.t, progress.t_end);
         let due = self.written.elapsed() >= self.every;
-        if due || self.watcher.stop() || progress.t >= progress.t_end {
-            self.write(&progress.state())?;
-        }
-        Ok(())
+        if due || progress.t >= progress.t_end { self.write(progress.state()) } else { Ok(()) }
+    }
+    fn stopped(&mut self, progress: &Progress<'_>) -> Result<(), SimulateError> {
+        self.write(progress.state())
     }
     fn stop(&self) -> bool {
         self.watcher.stop()
@@ -324,8 +323,7 @@ impl Observer for Recorder<'_> {
     fn step_ends(&mut self) -> Result<Vec<f64>, SimulateError> {
         self.steps.sync()?;
         let path = self.folder.join("checkpoint/steps.bin");
-        let length = std::fs::metadata(&path).map_err(|e| SimulateError::file(&path, e))?.len();
-        Ok(read_steps(&path, length / 32)?.iter().map(|s| s.t).collect())
+        Ok(read_steps(&path, self.step_count)?.iter().map(|s| s.t).collect())
     }
     fn spread_rows(&mut self, most: usize) -> Result<Vec<State>, SimulateError> {
         self.table.sync()?;

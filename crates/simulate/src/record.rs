@@ -3,6 +3,7 @@
 use crate::error::SimulateError;
 use crate::run::Progress;
 use phipsi_model::State;
+use serde::{Deserialize, Serialize};
 
 /// A recorded instant.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,7 +41,7 @@ pub struct StepRecord {
 }
 
 /// A joint limit that the motion passed: limits do not act on the dynamics.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LimitPassed {
     /// The joint.
     pub joint: String,
@@ -75,6 +76,13 @@ pub trait Observer {
     /// # Errors
     /// Anything stops the run.
     fn step(&mut self, _step: &StepRecord, _progress: &Progress<'_>) -> Result<(), SimulateError> {
+        Ok(())
+    }
+    /// The run stops before its end, at its last good state: the user asked, or a step failed.
+    ///
+    /// # Errors
+    /// Told unless the run stops at an error of its own.
+    fn stopped(&mut self, _progress: &Progress<'_>) -> Result<(), SimulateError> {
         Ok(())
     }
     /// True stops the run after the present step.

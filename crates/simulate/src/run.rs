@@ -10,13 +10,14 @@ use phipsi_motion::{
     StepperState, System, balance, estimate_error,
 };
 use phipsi_recursion::{DynamicsError, Kinematics};
+use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
 /// Most instants at which a run is compared with its companion.
 const JUDGED_SAMPLES: usize = 256;
 
 /// Everything that continues a run bit for bit.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunState {
     /// State of the integration scheme.
     pub stepper: StepperState,
@@ -200,8 +201,17 @@ impl<'a> Runner<'a> {
             let t = self.stepper.t();
             let next = breaks.partition_point(|b| *b <= t);
             let limit = breaks.get(next).copied().unwrap_or(t_end);
-            self.step(limit, limit < t_end, observer)?;
+            if let Err(e) = self.step(limit, limit < t_end, observer) {
+                // A step that failed has left the last good state. The first error is the one to tell.
+                if self.steps == self.stepper.counts()[0] {
+                    let _ = observer.stopped(&self.progress());
+                }
+                return Err(e);
+            }
             stopped = observer.stop();
+        }
+        if stopped {
+            observer.stopped(&self.progress())?;
         }
         let mut estimate = None;
         if let Scheme::Explicit(method) = self.simulation.choice.method
@@ -230,8 +240,12 @@ impl<'a> Runner<'a> {
         if is_break && info.t1 == limit {
             self.stepper.restart();
         }
-        let progress = Progress {
-            t: info.t1,
+        observer.step(&StepRecord { t: info.t1, imbalance }, &self.progress())
+    }
+
+    fn progress(&self) -> Progress<'_> {
+        Progress {
+            t: self.stepper.t(),
             t_end: self.simulation.t_end,
             limits: &self.limits,
             stepper: &self.stepper,
@@ -239,8 +253,7 @@ impl<'a> Runner<'a> {
             rows: self.rows,
             steps: self.steps,
             wall_s: self.wall_s(),
-        };
-        observer.step(&StepRecord { t: info.t1, imbalance }, &progress)
+        }
     }
 
     fn balance(&mut self) -> Result<Balance, DynamicsError> {

