@@ -204,7 +204,7 @@ impl TorsionModel {
         check("positions", out.len(), self.atoms.len())?;
         check("poses", poses.world.len(), self.layout.len())?;
         for (k, body) in self.layout.bodies().iter().enumerate() {
-            let hinge = body.hinge.transform(&body.placement, &q[body.q..]);
+            let hinge = body.pose(q);
             let world = match body.parent {
                 GROUND => hinge,
                 parent => poses.world[parent].compose(&hinge),

@@ -36,7 +36,7 @@ impl<T: Scalar> MomentumSweep<T> {
     /// Writes μ and g at (q, v). `q`: nq; `v`, `mu`, `g`: nv; slices of these lengths. Cost O(n), no allocation.
     pub fn run(&mut self, layout: &Layout<T::Constant>, q: &[T], v: &[T], mu: &mut [T], g: &mut [T]) {
         for (k, body) in layout.bodies().iter().enumerate() {
-            self.hinge[k] = body.hinge.transform(&body.placement, &q[body.q..]);
+            self.hinge[k] = body.pose(q);
             self.inboard[k] = if body.parent == GROUND {
                 Motion::zero()
             } else {

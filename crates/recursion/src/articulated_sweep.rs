@@ -131,7 +131,7 @@ impl<T: Scalar> ArticulatedSweep<T> {
         check_length("q", q, layout.nq())?;
         check_length("sweep", &self.hinge, layout.len())?;
         for (k, body) in layout.bodies.iter().enumerate() {
-            self.hinge[k] = body.hinge.transform(&body.placement, &q[body.q..]);
+            self.hinge[k] = body.pose(q);
             self.inertia[k] = RigidInertia::constant(&body.inertia).to_articulated();
         }
         for (k, body) in layout.bodies.iter().enumerate().rev() {

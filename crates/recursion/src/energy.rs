@@ -17,7 +17,7 @@ pub fn kinetic_energy<T: Scalar>(layout: &Layout<T::Constant>, q: &[T], v: &[T])
     let mut velocity = vec![Motion::zero(); layout.len()];
     let mut twice = T::zero();
     for (k, body) in layout.bodies.iter().enumerate() {
-        let x = body.hinge.transform(&body.placement, &q[body.q..]);
+        let x = body.pose(q);
         let joint = body.hinge.expand(&v[body.v..]);
         velocity[k] = match body.parent {
             GROUND => joint,
@@ -42,7 +42,7 @@ pub(crate) fn roots<T: Scalar>(
         .collect();
     let mut roots = Vec::new();
     for (k, body) in layout.bodies.iter().enumerate().rev() {
-        let x = body.hinge.transform(&body.placement, &q[body.q..]);
+        let x = body.pose(q);
         let (mass, moment) = gathered[k];
         if body.parent == GROUND {
             roots.push((k, x, mass, moment));

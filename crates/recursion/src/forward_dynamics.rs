@@ -90,7 +90,7 @@ impl<T: Scalar> ForwardDynamics<T> {
     #[inline(always)]
     fn sweep_velocities(&mut self, layout: &Layout<T::Constant>, q: &[T], v: &[T]) {
         for (k, body) in layout.bodies.iter().enumerate() {
-            let x = body.hinge.transform(&body.placement, &q[body.q..]);
+            let x = body.pose(q);
             let joint = body.hinge.expand(&v[body.v..]);
             let inboard = if body.parent == GROUND { Vec3::zero() } else { self.omega[body.parent] };
             let omega = x.rotation.transpose_mul(inboard) + joint.angular;

@@ -74,7 +74,7 @@ impl<T: Scalar> InverseDynamics<T> {
     fn sweep_outboard(&mut self, layout: &Layout<T::Constant>, q: &[T], v: &[T], a: &[T]) {
         let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity));
         for (k, body) in layout.bodies.iter().enumerate() {
-            let x = body.hinge.transform(&body.placement, &q[body.q..]);
+            let x = body.pose(q);
             let joint = body.hinge.expand(&v[body.v..]);
             let (inboard, inboard_acceleration) = if body.parent == GROUND {
                 (Vec3::zero(), ground)

@@ -36,7 +36,7 @@ pub fn jacobian<T: Scalar>(
             (0..6).for_each(|r| rows[r][b.v + i] = column[r]);
         }
         path.push(k);
-        pose = b.hinge.transform(&b.placement, &q[b.q..]).compose(&pose);
+        pose = b.pose(q).compose(&pose);
         k = b.parent;
     }
     for b in path.iter().map(|&k| &layout.bodies[k]) {

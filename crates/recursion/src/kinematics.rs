@@ -64,7 +64,7 @@ impl<T: Scalar> Kinematics<T> {
     pub fn set_position(&mut self, layout: &Layout<T::Constant>, q: &[T]) -> Result<(), DynamicsError> {
         check_length("q", q, layout.nq())?;
         for (k, body) in layout.bodies.iter().enumerate() {
-            self.hinge[k] = body.hinge.transform(&body.placement, &q[body.q..]);
+            self.hinge[k] = body.pose(q);
             self.world[k] = if body.parent == GROUND {
                 self.hinge[k]
             } else {
@@ -176,7 +176,7 @@ pub fn body_pose<T: Scalar>(
     let (mut pose, mut k) = (Transform::constant(&carrier.pose), carrier.body);
     while k != GROUND {
         let b = &layout.bodies[k];
-        pose = b.hinge.transform(&b.placement, &q[b.q..]).compose(&pose);
+        pose = b.pose(q).compose(&pose);
         k = b.parent;
     }
     Ok(pose)
@@ -202,7 +202,7 @@ pub fn body_velocity<T: Scalar>(
     while k != GROUND {
         let b = &layout.bodies[k];
         velocity += pose.motion_to_child(b.hinge.expand(&v[b.v..]));
-        pose = b.hinge.transform(&b.placement, &q[b.q..]).compose(&pose);
+        pose = b.pose(q).compose(&pose);
         k = b.parent;
     }
     Ok(Motion::new(pose.rotation * velocity.angular, pose.rotation * velocity.linear))

@@ -30,6 +30,14 @@ pub struct LayoutBody<C> {
     pub inertia: RigidInertia<C>,
 }
 
+impl<C: Real> LayoutBody<C> {
+    /// Pose of the body in its parent at coordinates `q` of the whole model.
+    #[inline(always)]
+    pub fn pose<T: Scalar<Constant = C>>(&self, q: &[T]) -> Transform<T> {
+        self.hinge.transform(&self.placement, &q[self.q..])
+    }
+}
+
 /// Where a body of the model lives in the layout.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Carrier<C> {

@@ -14,7 +14,7 @@ pub(crate) fn composite_inertias<T: Scalar>(
     layout: &Layout<T::Constant>,
     q: &[T],
 ) -> (Vec<Transform<T>>, Vec<RigidInertia<T>>) {
-    let hinge: Vec<_> = layout.bodies.iter().map(|b| b.hinge.transform(&b.placement, &q[b.q..])).collect();
+    let hinge: Vec<_> = layout.bodies.iter().map(|b| b.pose(q)).collect();
     let mut R: Vec<_> = layout.bodies.iter().map(|b| RigidInertia::constant(&b.inertia)).collect();
     for (k, body) in layout.bodies.iter().enumerate().rev() {
         if body.parent != GROUND {

@@ -34,8 +34,7 @@ pub fn momentum<T: Scalar>(
 ) -> Result<Wrench<T>, DynamicsError> {
     check_length("q", q, layout.nq())?;
     check_length("v", v, layout.nv())?;
-    let hinge: Vec<Transform<T>> =
-        layout.bodies.iter().map(|b| b.hinge.transform(&b.placement, &q[b.q..])).collect();
+    let hinge: Vec<Transform<T>> = layout.bodies.iter().map(|b| b.pose(q)).collect();
     let mut velocity = vec![Motion::zero(); layout.len()];
     let mut h = vec![Wrench::zero(); layout.len()];
     for (k, body) in layout.bodies.iter().enumerate() {
