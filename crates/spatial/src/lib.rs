@@ -9,8 +9,10 @@
 
 pub mod double_double;
 pub mod inertia;
+pub mod lanes;
 pub mod quaternion;
 pub mod scalar;
+mod sin_cos;
 pub mod six;
 pub mod transform;
 pub mod vector;
