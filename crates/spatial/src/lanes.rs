@@ -16,8 +16,8 @@
 // The one place with unsafe code: intrinsics, and one view of f64 as Fused.
 #![allow(unsafe_code)]
 
-use crate::Scalar;
 use crate::sin_cos::{Quadrants, sin_cos};
+use crate::{Kernel, Scalar};
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use num_traits::{One, Zero};
 use std::sync::OnceLock;
@@ -223,13 +223,13 @@ impl Scalar for Fused {
         self.0
     }
     #[inline(always)]
-    fn dispatch<R>(f: impl FnOnce() -> R) -> R {
+    fn dispatch<K: Kernel>(kernel: K) -> K::Output {
         #[cfg(target_arch = "x86_64")]
         if Level::Avx2.is_available() {
             // SAFETY: the processor has AVX2 and FMA.
-            return unsafe { x86::with_fma(f) };
+            return unsafe { x86::with_fma(kernel) };
         }
-        f()
+        kernel.run()
     }
 }
 
@@ -254,7 +254,7 @@ impl Quadrants for Fused {
     }
     #[inline(always)]
     fn within(self, limit: f64) -> bool {
-        self.0.abs() <= limit
+        self.0.abs() < limit
     }
     fn by_library(self, _: f64, _: Self, _: Self) -> (Self, Self) {
         let (s, c) = self.0.sin_cos();

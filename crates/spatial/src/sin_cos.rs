@@ -24,7 +24,7 @@ const SINE: [f64; 6] = [
     -1.984_126_982_985_795e-4,
     2.755_731_370_707_006_8e-6,
     -2.505_076_025_340_686_3e-8,
-    1.589_690_995_211_550_1e-10,
+    1.589_690_995_211_55e-10,
 ];
 
 /// Coefficients of r⁴, r⁶, … of the cosine.
@@ -41,7 +41,7 @@ const COSINE: [f64; 6] = [
 pub(crate) trait Quadrants: Scalar {
     /// Chooses, by the integer n in the last bits of `n + SHIFT`, (sin, cos) of r + n π/2 from those of r.
     fn turn(shifted: Self, sin: Self, cos: Self) -> (Self, Self);
-    /// True if every lane is at most `limit` in size; false for NaN.
+    /// True if every lane is below `limit` in size; false for NaN.
     fn within(self, limit: f64) -> bool;
     /// Sine and cosine by the standard library, lane by lane, where a lane is beyond `limit`; elsewhere those given.
     fn by_library(self, limit: f64, sin: Self, cos: Self) -> (Self, Self);
