@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,16 +13,15 @@ import pinocchio as pin
 
 import phipsi
 
-from .. import mujoco as validation_mujoco
+from ..compare import conditioning
+from ..mujoco import compile_text
 from ..robots import model_path
 
 #: Number of random states that calls cycle through.
 STATES = 64
 
 #: Models that are compared by default.
-NAMES = (
-    "panda ur5 solo12 anymal_c talos_reduced chain_0007 chain_0064 chain_0256 tree_0063"
-).split()
+NAMES = "panda ur5 solo12 anymal_c talos_reduced chain_0007 chain_0064 chain_0256 tree_0063".split()
 
 
 class LeftOut(Exception):
@@ -36,15 +36,28 @@ class Case:
     path: Path
     m: phipsi.Model
     states: list[tuple[np.ndarray, ...]]
-    #: The link at the end of the longest path: its Jacobian is taken.
-    target: str = ""
 
     def factor(self, bound: float) -> float:
         """How much more than `bound` accelerations may differ, as a hinge is ill-conditioned (soa.md 2.2)."""
-        from ..compare import conditioning
-
         q, v, tau, _ = self.states[0]
         return conditioning(self.m.forward_dynamics(q, v, tau, info=True)[1], bound)[0]
+
+    @cached_property
+    def merged(self) -> pin.Model:
+        """The file in Pinocchio, which merges links on fixed joints."""
+        return pin.buildModelFromUrdf(str(self.path))
+
+    @cached_property
+    def links(self) -> list[str]:
+        """The link that each of Pinocchio's joints carries; its frame is the joint's."""
+        joints = [j for j in ElementTree.parse(self.path).getroot().iter("joint") if j.find("child") is not None]
+        carried = {j.get("name"): j.find("child").get("link") for j in joints}
+        return ["world", *(carried.get(name, f"body_{name}") for name in list(self.merged.names)[1:])]
+
+    @cached_property
+    def target(self) -> int:
+        """Pinocchio's joint with most joints inboard: the Jacobian of its link is taken."""
+        return max(range(1, self.merged.njoints), key=lambda i: len(self.merged.supports[i]))
 
 
 def open_case(name: str, folder: Path, count: int = STATES) -> Case:
@@ -59,34 +72,7 @@ def open_case(name: str, folder: Path, count: int = STATES) -> Case:
         q, v = m.random_state(seed)
         rng = np.random.default_rng(seed)
         states.append((q, v, rng.uniform(-1, 1, m.nv), rng.uniform(-1, 1, m.nv)))
-    case = Case(path.stem, path.resolve(), m, states)
-    case.target = _end_of_longest_path(path)
-    return case
-
-
-def _end_of_longest_path(path: Path) -> str:
-    """The child link of the moving joint that has most moving joints inboard."""
-    joints = {}
-    for joint in ElementTree.parse(path).getroot().iter("joint"):
-        if joint.find("parent") is not None:
-            joints[joint.find("child").get("link")] = (joint.find("parent").get("link"), joint.get("type") != "fixed")
-
-    def depth(link: str) -> int:
-        count = 0
-        while link in joints:
-            link, moves = joints[link]
-            count += moves
-        return count
-
-    return max((link for link, (_, moves) in joints.items() if moves), key=depth)
-
-
-def child_of(path: Path, joint: str) -> str:
-    """The link that a joint carries."""
-    for element in ElementTree.parse(path).getroot().iter("joint"):
-        if element.get("name") == joint and element.find("child") is not None:
-            return element.find("child").get("link")
-    raise KeyError(joint)
+    return Case(path.stem, path.resolve(), m, states)
 
 
 def chain(n: int) -> str:
@@ -126,50 +112,82 @@ def write_states(path: Path, states: list[tuple[np.ndarray, ...]]) -> str:
     return str(path)
 
 
+def _axis(joint: pin.JointModel) -> np.ndarray:
+    """The axis of a joint with one degree of freedom."""
+    kind = joint.shortname()
+    if kind[-1] in "XYZ":
+        return np.eye(3)["XYZ".index(kind[-1])]
+    return np.array(getattr(joint.extract(), "axis", np.zeros(3)))
+
+
+def _words(numbers: np.ndarray) -> str:
+    return " ".join(repr(float(x)) for x in numbers)
+
+
 def write_pinocchio(path: Path, case: Case) -> tuple[str, phipsi.interop.Pinocchio]:
-    """The model that Pinocchio's own reader makes, joint by joint; and the layout of its coordinates."""
-    model = pin.buildModelFromUrdf(str(case.path))
-    target = model.frames[model.getFrameId(case.target, pin.FrameType.BODY)].parentJoint
-    lines = ["gravity " + " ".join(map(repr, map(float, case.m.gravity))), f"target {target}"]
+    """The model joint by joint, as Pinocchio's timer reads it; and the layout of its coordinates."""
+    model = case.merged
+    lines = [f"gravity {_words(case.m.gravity)}", f"target {case.target}"]
     for i in range(1, model.njoints):
         joint, place, body = model.joints[i], model.jointPlacements[i], model.inertias[i]
-        axis = getattr(joint.extract(), "axis", np.zeros(3))
-        inertia = body.inertia
-        six = [inertia[0, 0], inertia[0, 1], inertia[1, 1], inertia[0, 2], inertia[1, 2], inertia[2, 2]]
-        numbers = np.concatenate([place.rotation.ravel(), place.translation, axis, [body.mass], body.lever, six])
-        lines.append(f"{joint.shortname()} {model.parents[i]} " + " ".join(repr(float(x)) for x in numbers))
+        x = body.inertia
+        six = [x[0, 0], x[0, 1], x[1, 1], x[0, 2], x[1, 2], x[2, 2]]
+        numbers = [place.rotation.ravel(), place.translation, _axis(joint), [body.mass], body.lever, six]
+        lines.append(f"{joint.shortname()} {model.parents[i]} {_words(np.concatenate(numbers))}")
     path.write_text("\n".join(lines) + "\n")
     return str(path), phipsi.interop.Pinocchio(case.m, list(model.names))
 
 
+def write_merged(path: Path, case: Case, base_joint: bool) -> None:
+    """A URDF file with the links on fixed joints merged into the moving ones; a free base with its joint or without."""
+    model, robot = case.merged, ElementTree.Element("robot", name=case.name)
+    if base_joint:
+        ElementTree.SubElement(robot, "link", name="world")
+    for i in range(1, model.njoints):
+        joint, place, body = model.joints[i], model.jointPlacements[i], model.inertias[i]
+        inertial = ElementTree.SubElement(ElementTree.SubElement(robot, "link", name=case.links[i]), "inertial")
+        ElementTree.SubElement(inertial, "origin", xyz=_words(body.lever), rpy="0 0 0")
+        ElementTree.SubElement(inertial, "mass", value=repr(float(body.mass)))
+        moments = {f"i{'xyz'[r]}{'xyz'[c]}": repr(float(body.inertia[r, c])) for r in range(3) for c in range(r, 3)}
+        ElementTree.SubElement(inertial, "inertia", moments)
+        kind = joint.shortname()
+        if model.parents[i] == 0 and not base_joint:
+            continue
+        starts = {"JointModelFreeFlyer": "floating", "JointModelP": "prismatic", "JointModelR": "continuous"}
+        word = next((word for start, word in starts.items() if kind.startswith(start)), None)
+        if word is None:
+            raise LeftOut(f"joint {model.names[i]} is a {kind}, which has no merged form here")
+        element = ElementTree.SubElement(robot, "joint", name=model.names[i], type=word)
+        ElementTree.SubElement(element, "parent", link=case.links[model.parents[i]])
+        ElementTree.SubElement(element, "child", link=case.links[i])
+        ElementTree.SubElement(element, "origin", xyz=_words(place.translation), rpy=_words(pin.rpy.matrixToRpy(place.rotation)))
+        if word != "floating":
+            ElementTree.SubElement(element, "axis", xyz=_words(_axis(joint)))
+        if word == "prismatic":
+            ElementTree.SubElement(element, "limit", lower="-10", upper="10", effort="1", velocity="1")
+    ElementTree.ElementTree(robot).write(path)
+
+
 def write_mujoco(path: Path, case: Case) -> tuple[str, phipsi.interop.MuJoCo]:
-    """The model as MuJoCo's own reader makes it, links on fixed joints merged, mechanics alone."""
+    """The merged model in MuJoCo, mechanics alone; and the layout of its coordinates."""
+    merged = path.with_suffix(".urdf")
+    write_merged(merged, case, base_joint=True)
     try:
-        model = validation_mujoco.compile_text(case.path.read_text(), "fixed", fuse=True)
+        model = compile_text(merged.read_text(), "fixed", fuse=True)
     except (ValueError, RuntimeError, mj.FatalError) as error:
         raise LeftOut(f"MuJoCo does not load it: {' '.join(str(error).split())}") from error
-    off = mj.mjtDisableBit
     for name in ("CONTACT", "LIMIT", "CONSTRAINT", "FRICTIONLOSS", "EQUALITY", "SPRING", "DAMPER", "SENSOR", "ACTUATION"):
-        model.opt.disableflags |= int(getattr(off, f"mjDSBL_{name}"))
+        model.opt.disableflags |= int(getattr(mj.mjtDisableBit, f"mjDSBL_{name}"))
     model.opt.gravity[:] = case.m.gravity
-    model.dof_armature[:] = 0.0
-    model.dof_damping[:] = 0.0
     mj.mj_saveModel(model, str(path))
     return str(path), phipsi.interop.MuJoCo(case.m, [model.joint(i).name for i in range(model.njnt)])
 
 
 def write_dynibo(path: Path, case: Case) -> str:
-    """dynibo's name of the model; a floating joint of the file becomes its floating base."""
-    root = ElementTree.parse(case.path).getroot()
-    floating = [j for j in root.findall("joint") if j.get("type") == "floating"]
-    if not floating:
-        return f"{case.path}#{case.target}"
-    if len(floating) > 1 or case.m.joint_v_offset(floating[0].get("name")) != 0:
+    """dynibo's name of the merged model; a floating joint at the root becomes its floating base."""
+    kinds = [joint.shortname() for joint in case.merged.joints][1:]
+    free = kinds[0] == "JointModelFreeFlyer"
+    if "JointModelFreeFlyer" in kinds[1:] or (free and list(case.merged.parents)[1:].count(0) > 1):
         raise LeftOut("dynibo has floating joints at the root only")
-    world = floating[0].find("parent").get("link")
-    root.remove(floating[0])
-    for link in root.findall("link"):
-        if link.get("name") == world:
-            root.remove(link)
-    ElementTree.ElementTree(root).write(path)
-    return f"free:{path}#{case.target}"
+    write_merged(path, case, base_joint=not free)
+    return f"{'free:' if free else ''}{path}#{case.links[case.target]}"

@@ -183,10 +183,7 @@ class Dynibo(Program):
         """Their velocity from ours in their order: the base's in world axes."""
         turn = np.eye(case.m.nv)
         if self._free:
-            root = case.m.joint_names.index(min(case.m.joint_names, key=case.m.joint_v_offset))
-            link = models.child_of(case.path, case.m.joint_names[root])
-            rotation = case.m.body_pose(q, link)[:3, :3]
-            turn[:3, :3] = turn[3:6, 3:6] = rotation
+            turn[:3, :3] = turn[3:6, 3:6] = case.m.body_pose(q, case.links[1])[:3, :3]
         return turn
 
     def _classical(self, a: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -225,7 +222,7 @@ class Phipsi:
         return Timer(self.name, self.built.command)
 
     def start(self, case: Case) -> None:
-        self.model = f"{case.path}#{case.target}"
+        self.model = f"{case.path}#{case.links[case.target]}"
         self.states = models.write_states(self.folder / f"{case.name}.states", case.states)
 
     def close(self) -> None:

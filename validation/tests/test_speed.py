@@ -13,7 +13,6 @@ import pinocchio as pin
 import pytest
 
 import phipsi
-from validation import robots
 from validation.speed import build, models, page, report
 from validation.speed.__main__ import main
 from validation.speed.programs import MuJoCo, Pinocchio, Program, difference
@@ -175,7 +174,7 @@ def test_states_are_written_to_the_last_bit(tmp_path):
 
 def test_made_chains(tmp_path):
     case = models.open_case("chain_0009", tmp_path, count=2)
-    assert case.m.nv == 9 and case.target == "link8" and not case.m.report.ignored
+    assert case.m.nv == 9 and case.links[case.target] == "link8" and not case.m.report.ignored
     assert models.chain(9) == case.path.read_text()
 
 
@@ -214,7 +213,7 @@ def test_pinocchio_flat_file_and_coordinates(tmp_path, name):
         pin.computeJointJacobians(model, data, their_q)
         pin.updateGlobalPlacements(model, data)
         aligned = pin.getJointJacobian(model, data, target, pin.LOCAL_WORLD_ALIGNED)
-        pairs["jacobian"] = (m.jacobian(q, case.target), aligned)
+        pairs["jacobian"] = (m.jacobian(q, case.links[case.target]), aligned)
         full = np.triu(pin.crba(model, data, their_q))
         pairs["mass_matrix"] = (m.mass_matrix(q), full + np.triu(full, 1).T)
         for operation, (first, second) in pairs.items():
@@ -249,14 +248,30 @@ def test_mujoco_model_and_coordinates(tmp_path, name):
             assert difference(*pair) < 1e-11, operation
 
 
-def test_dynibo_gets_its_own_base(tmp_path):
-    case = models.open_case("solo12", tmp_path, count=1)
-    name = models.write_dynibo(tmp_path / "d.urdf", case)
-    assert name == f"free:{tmp_path / 'd.urdf'}#{case.target}"
-    free = phipsi.Model.from_urdf(str(tmp_path / "d.urdf"), base="free")
-    assert free.nv == case.m.nv and "floating" not in (tmp_path / "d.urdf").read_text()
-    case = models.open_case("panda", tmp_path, count=1)
-    assert models.write_dynibo(tmp_path / "d.urdf", case) == f"{Path(robots.model_path('panda')).resolve()}#{case.target}"
+@pytest.mark.parametrize("name", ["panda", "solo12", "talos_reduced", "tree_0063"])
+def test_merged_models_are_the_same_mechanisms(tmp_path, name):
+    case = models.open_case(name, tmp_path, count=2)
+    link = case.links[case.target]
+    free = case.merged.joints[1].shortname() == "JointModelFreeFlyer"
+    path = tmp_path / "d.urdf"
+    assert models.write_dynibo(path, case) == f"{'free:' if free else ''}{path}#{link}"
+    assert "floating" not in path.read_text() and "fixed" not in path.read_text()
+    other = phipsi.Model.from_urdf(str(path), base="free" if free else "fixed")
+    assert other.nv == case.m.nv and len(other.body_names) <= case.merged.njoints
+    for q, v, tau, _ in case.states:
+        # A free base is first in both; the other joints keep their names.
+        order = [other.joint_v_offset(n) for n in case.m.joint_names if n in other.joint_names]
+        rest = [case.m.joint_v_offset(n) for n in case.m.joint_names if n in other.joint_names]
+        first = list(range(6 if free else 0))
+        theirs_v, ours_v = first + order, first + rest
+        extra = 1 if free else 0
+        theirs_q = list(range(7 * extra)) + [i + extra for i in order]
+        ours_q = list(range(7 * extra)) + [i + extra for i in rest]
+        x, y, z = np.zeros(other.nq), np.zeros(other.nv), np.zeros(other.nv)
+        x[theirs_q], y[theirs_v], z[theirs_v] = q[ours_q], v[ours_v], tau[ours_v]
+        expected = case.m.forward_dynamics(q, v, tau)[ours_v]
+        assert difference(other.forward_dynamics(x, y, z)[theirs_v], expected) < 1e-11
+        assert difference(other.body_pose(x, link), case.m.body_pose(q, link)) < 1e-13
 
 
 def test_timers_are_rebuilt_when_their_sources_change(tmp_path):
