@@ -130,7 +130,8 @@ impl<T: Scalar> InverseDynamics<T> {
         let n = layout.bodies.len();
         for k in (0..n).rev() {
             let body = &layout.bodies[k];
-            let mut f = self.pending.gather(body, &hand, self.force[k], |a, b| a + b);
+            let own = self.force[k];
+            let mut f = self.pending.gather(body, &hand, |a, b| a + b).map_or(own, |f| f + own);
             if loaded {
                 f += self.loads[k];
             }
