@@ -13,7 +13,7 @@
 //! component i its pivot D_i, its gain G_i = P H_i* D_i⁻¹ and P − G_i H_i P remain, as if it were a hinge of its own.
 
 use crate::error::{DynamicsError, check_length};
-use crate::hinge::Hinge;
+use crate::hinge::{Hinge, each_component};
 use crate::kernel::kernel;
 use crate::layout::{GROUND, Layout, LayoutBody, Passage, Shifts};
 use phipsi_spatial::{ArticulatedInertia, EliminatedInertia, Motion, RigidInertia, Scalar, Vec3, Wrench};
@@ -45,26 +45,41 @@ pub(crate) fn eliminate<T: Scalar>(
     mut P: ArticulatedInertia<T>,
     pivots: &mut [Pivot<T>],
 ) -> Result<ArticulatedInertia<T>, Singular> {
-    for i in 0..body.hinge.nv() {
-        let column = match body.hinge {
-            Hinge::Helical { .. } => P.times(body.hinge.axis(i)),
-            _ => P.column(body.hinge.components()[i]),
-        };
-        let D = body.hinge.project(i, &column);
-        if !D.is_positive() {
-            return Err((i, D.min_lane()));
+    let pivots = &mut pivots[..body.hinge.nv()];
+    each_component!(
+        body.hinge,
+        |I, C| {
+            let column = P.column(C);
+            pivots[I] = eliminate_axis(&mut P, column, column.get(C)).map_err(|D| (I, D))?;
+        },
+        {
+            let column = P.times(body.hinge.axis(0));
+            let D = body.hinge.project(0, &column);
+            pivots[0] = eliminate_axis(&mut P, column, D).map_err(|D| (0, D))?;
         }
-        let inverse = D.recip();
-        let gain = column.scale(inverse);
-        P.subtract_outer(gain, column);
-        pivots[i] = Pivot { gain, inverse };
-    }
+    );
     // A free joint lets nothing through: what the subtractions leave is rounding.
     Ok(if body.parent == GROUND || matches!(body.hinge, Hinge::Free) {
         ArticulatedInertia::zero()
     } else {
         passage.articulated_to_parent(&P)
     })
+}
+
+/// One axis with its column U of P and pivot D: P −= U D⁻¹ U*.
+#[inline(always)]
+fn eliminate_axis<T: Scalar>(
+    P: &mut ArticulatedInertia<T>,
+    column: Wrench<T>,
+    D: T,
+) -> Result<Pivot<T>, f64> {
+    if !D.is_positive() {
+        return Err(D.min_lane());
+    }
+    let inverse = D.recip();
+    let gain = column.scale(inverse);
+    P.subtract_outer(gain, column);
+    Ok(Pivot { gain, inverse })
 }
 
 /// P of a body: its own inertia and what its children let through.
@@ -149,11 +164,20 @@ fn filter_components<T: Scalar>(
     z: &mut Wrench<T>,
     residuals: &mut [T],
 ) {
-    for i in 0..hinge.nv() {
-        let epsilon = residuals[i] - hinge.project(i, z);
-        *z = pivots[i].gain.scale_add(epsilon, *z);
-        residuals[i] = epsilon * pivots[i].inverse;
-    }
+    let (pivots, residuals) = (&pivots[..hinge.nv()], &mut residuals[..hinge.nv()]);
+    each_component!(
+        hinge,
+        |I, C| residuals[I] = filter_axis(&pivots[I], z, z.get(C), residuals[I]),
+        residuals[0] = filter_axis(&pivots[0], z, hinge.project(0, z), residuals[0])
+    );
+}
+
+/// One axis: ν from T, where `along` is H z.
+#[inline(always)]
+fn filter_axis<T: Scalar>(pivot: &Pivot<T>, z: &mut Wrench<T>, along: T, T: T) -> T {
+    let epsilon = T - along;
+    *z = pivot.gain.scale_add(epsilon, *z);
+    epsilon * pivot.inverse
 }
 
 /// Smoother step at one joint: θ̈ = ν − G* α⁺, α = α⁺ + H* θ̈. `residuals` holds ν before and θ̈ after.
@@ -168,11 +192,18 @@ pub(crate) fn smooth<T: Scalar>(
         residuals[0] = smooth_revolute(&pivots[0], alpha, residuals[0]);
         return;
     }
-    for i in (0..hinge.nv()).rev() {
-        let x = residuals[i] - alpha.dot(pivots[i].gain);
-        hinge.add_axis(i, x, alpha);
-        residuals[i] = x;
-    }
+    let (pivots, residuals) = (&pivots[..hinge.nv()], &mut residuals[..hinge.nv()]);
+    each_component!(
+        reversed hinge,
+        |I, C| {
+            residuals[I] -= alpha.dot(pivots[I].gain);
+            alpha.add_to(C, residuals[I]);
+        },
+        {
+            residuals[0] -= alpha.dot(pivots[0].gain);
+            hinge.add_axis(0, residuals[0], alpha);
+        }
+    );
 }
 
 /// The hinge about z: θ̈ from ν.

@@ -10,7 +10,7 @@
 
 use crate::articulated_sweep::Pending;
 use crate::error::{DynamicsError, check_length};
-use crate::hinge::Hinge;
+use crate::hinge::{Hinge, each_component};
 use crate::kernel::kernel;
 use crate::kinematics::relative;
 use crate::layout::{GROUND, Layout, Shifts};
@@ -135,9 +135,8 @@ impl<T: Scalar> InverseDynamics<T> {
             if loaded {
                 f += self.loads[k];
             }
-            for i in 0..body.hinge.nv() {
-                out[body.v + i] = body.hinge.project(i, &f);
-            }
+            let along = &mut out[body.v..body.v + body.hinge.nv()];
+            each_component!(body.hinge, |I, C| along[I] = f.get(C), along[0] = body.hinge.project(0, &f));
             if body.parent != GROUND {
                 self.pending.give(k, body, &mut hand, self.shifts.at(k, body).wrench_to_parent(f));
             }
