@@ -90,6 +90,7 @@ impl<T: Scalar> Shifts<T> {
             self.general[body.general] = pose;
         }
     }
+    #[inline(always)]
     pub(crate) fn set_all(&mut self, layout: &Layout<T::Constant>, q: &[T]) {
         for (k, body) in layout.bodies.iter().enumerate() {
             self.set(k, body, q);

@@ -25,6 +25,7 @@
 #![allow(non_snake_case)]
 
 pub mod articulated_sweep;
+pub mod batch;
 mod columns;
 pub mod energy;
 pub mod error;
