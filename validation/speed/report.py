@@ -25,6 +25,7 @@ BARS: dict[tuple[str, str], tuple[float, float, tuple[str, ...]]] = {
     ("mass_matrix", "MuJoCo"): (0.5, 0.35, ()),
     ("forward_dynamics", "Simbody"): (0.05, 0.03, ()),
     ("inverse_dynamics", "Simbody"): (0.05, 0.03, ()),
+    ("mass_matrix", "Simbody"): (0.05, 0.03, ()),
 } | {(o, "dynibo"): (0.6, 0.6, ()) for o in ("forward_dynamics", "inverse_dynamics", "mass_matrix", "jacobian")}
 
 #: Long chains: bodies, states, and the bar on ns per body over that of the first.

@@ -15,7 +15,7 @@ import pytest
 import phipsi
 from validation.speed import build, models, page, report
 from validation.speed.__main__ import main
-from validation.speed.programs import MuJoCo, Pinocchio, Program, difference
+from validation.speed.programs import Dynibo, MuJoCo, Pinocchio, Program, Simbody, difference
 from validation.speed.timer import Side, Timer, TimerError, Unsupported, alternate
 
 #: A timer: every question goes to a log; results are state + 1, 10 (state + 1), changed by MODE; a call takes NS.
@@ -272,6 +272,34 @@ def test_merged_models_are_the_same_mechanisms(tmp_path, name):
         expected = case.m.forward_dynamics(q, v, tau)[ours_v]
         assert difference(other.forward_dynamics(x, y, z)[theirs_v], expected) < 1e-11
         assert difference(other.body_pose(x, link), case.m.body_pose(q, link)) < 1e-13
+
+
+@pytest.mark.parametrize("program", [Dynibo, Simbody])
+@pytest.mark.parametrize("name", ["solo12", "panda"])
+def test_coordinates_in_world_axes(tmp_path, program, name):
+    """A base's velocity and acceleration there are those of its link in world axes; power is the same."""
+    case, program = models.open_case(name, tmp_path, count=2), program(tmp_path)
+    free = name == "solo12"
+    program._use(case, list(case.merged.names)[2 if free else 1 :], "theirs")
+    rows = [np.array(line.split(), float) for line in Path(program.states).read_text().splitlines()[1:]]
+    for state, (q, v, tau, a) in enumerate(case.states):
+        their_q, their_v, their_tau, their_a = rows[4 * state : 4 * state + 4]
+        assert sorted(their_q) == sorted(q) and abs(their_tau @ their_v - tau @ v) < 1e-14 * case.m.nv
+        first, second = program.alike("forward_dynamics", case, state, a, their_a)
+        assert difference(first, second) == 0.0
+        M = case.m.mass_matrix(q)
+        theirs, _ = program.alike("mass_matrix", case, state, M.ravel(), M.ravel())
+        assert abs(their_v @ theirs @ their_v - v @ M @ v) < 1e-13 * abs(v @ M @ v)
+        if free:
+            link = case.links[1]
+            assert difference(their_v[:6], case.m.body_velocity(q, v, link)) < 1e-14
+            assert difference(their_a[:6], case.m.body_acceleration(q, v, a, link)) < 1e-14
+            # The quaternion's w, and the position.
+            w, position = (0, 4) if isinstance(program, Simbody) else (6, 0)
+            assert their_q[w] == q[6] and list(their_q[position : position + 3]) == list(q[:3])
+        J = case.m.jacobian(q, case.links[case.target])
+        theirs, _ = program.alike("jacobian", case, state, J.ravel(), J.T.ravel())
+        assert difference(theirs @ their_v, J @ v) < 1e-13
 
 
 def test_timers_are_rebuilt_when_their_sources_change(tmp_path):
