@@ -10,38 +10,48 @@
 //! | b | (ω × J ω, ω × (ω × h)) − w, gyroscopic force less the external wrench | soa.md 3.0 |
 //! | α, α⁺ | acceleration of the body, and of its inboard side φ*α(p); α(ground) = (0, −g) | paper 1 (9.12)–(9.14) |
 
-use crate::articulated_sweep::{Pivot, eliminate, filter, smooth};
+use crate::articulated_sweep::{Pending, Pivot, eliminate, filter, smooth};
 use crate::error::{DynamicsError, check_length};
+use crate::hinge::Hinge;
 use crate::inverse_dynamics::inverse_dynamics;
-use crate::kinematics::coriolis;
-use crate::layout::{GROUND, Layout};
+use crate::kernel::kernel;
+use crate::kinematics::relative;
+use crate::layout::{GROUND, Layout, Shifts};
 use crate::mass_matrix::composite_inertias;
-use phipsi_spatial::{ArticulatedInertia, Motion, Real, RigidInertia, Scalar, Transform, Vec3, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Motion, Real, RigidInertia, Scalar, Vec3, Wrench};
+
+/// What the first sweep leaves of a body.
+#[derive(Clone, Copy, Debug)]
+struct Moving<T> {
+    omega: Vec3<T>,
+    /// a, zero at a root.
+    coriolis: Motion<T>,
+}
 
 /// Workspace of forward dynamics.
 #[derive(Clone, Debug)]
-pub struct ForwardDynamics<T> {
-    hinge: Vec<Transform<T>>,
-    omega: Vec<Vec3<T>>,
-    coriolis: Vec<Motion<T>>,
-    inertia: Vec<ArticulatedInertia<T>>,
-    bias: Vec<Wrench<T>>,
-    alpha: Vec<Motion<T>>,
-    pivots: Vec<Pivot<T>>,
+pub struct ForwardDynamics<T: Scalar> {
+    shifts: Shifts<T::Arithmetic>,
+    moving: Vec<Moving<T::Arithmetic>>,
+    pivots: Vec<Pivot<T::Arithmetic>>,
+    pending: Pending<(ArticulatedInertia<T::Arithmetic>, Wrench<T::Arithmetic>)>,
+    /// α of bodies with several children.
+    alpha: Vec<Motion<T::Arithmetic>>,
+    /// Minus the external wrenches, where there are any.
+    loads: Vec<Wrench<T::Arithmetic>>,
 }
 
 impl<T: Scalar> ForwardDynamics<T> {
     /// A workspace for a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
-        let n = layout.len();
+        let (n, zero) = (layout.len(), (ArticulatedInertia::zero(), Wrench::zero()));
         ForwardDynamics {
-            hinge: vec![Transform::identity(); n],
-            omega: vec![Vec3::zero(); n],
-            coriolis: vec![Motion::zero(); n],
-            inertia: vec![ArticulatedInertia::zero(); n],
-            bias: vec![Wrench::zero(); n],
-            alpha: vec![Motion::zero(); n],
+            shifts: Shifts::new(layout),
+            moving: vec![Moving { omega: Vec3::zero(), coriolis: Motion::zero() }; n],
             pivots: vec![Pivot::empty(); layout.nv()],
+            pending: Pending::new(layout, zero),
+            alpha: vec![Motion::zero(); n],
+            loads: vec![Wrench::zero(); n],
         }
     }
     /// Accelerations of generalised forces `tau` at (q, v).
@@ -75,30 +85,34 @@ impl<T: Scalar> ForwardDynamics<T> {
         check_length("v", v, layout.nv())?;
         check_length("tau", tau, layout.nv())?;
         check_length("out", out, layout.nv())?;
-        check_length("workspace", &self.bias, layout.len())?;
+        check_length("workspace", &self.moving, layout.len())?;
         if let Some(wrenches) = wrenches {
             check_length("wrenches", wrenches, layout.model_bodies())?;
+            layout.gather_loads(wrenches, &mut self.loads);
         }
-        self.sweep_velocities(layout, q, v);
-        layout.subtract_wrenches(wrenches, &mut self.bias);
         out.copy_from_slice(tau);
-        self.sweep_inboard(layout, out)?;
-        self.sweep_outboard(layout, v, out);
-        Ok(())
+        let (q, v, out) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic_mut(out));
+        T::Arithmetic::dispatch(Sweeps { work: self, layout, q, v, loaded: wrenches.is_some(), out })
     }
 
     #[inline(always)]
-    fn sweep_velocities(&mut self, layout: &Layout<T::Constant>, q: &[T], v: &[T]) {
-        for (k, body) in layout.bodies.iter().enumerate() {
-            let x = body.pose(q);
+    fn sweep_velocities(&mut self, layout: &Layout<T::Constant>, q: &[T::Arithmetic], v: &[T::Arithmetic]) {
+        let n = layout.bodies.len();
+        let moving = &mut self.moving[..n];
+        let mut previous = Vec3::zero();
+        for k in 0..n {
+            let body = &layout.bodies[k];
+            self.shifts.set(k, body, q);
             let joint = body.hinge.expand(&v[body.v..]);
-            let inboard = if body.parent == GROUND { Vec3::zero() } else { self.omega[body.parent] };
-            let omega = x.rotation.transpose_mul(inboard) + joint.angular;
-            let M = RigidInertia::constant(&body.inertia);
-            self.bias[k] = M.gyroscopic(omega);
-            self.coriolis[k] = coriolis(&x, inboard, omega, joint);
-            self.inertia[k] = M.to_articulated();
-            (self.hinge[k], self.omega[k]) = (x, omega);
+            let (omega, coriolis) = if body.parent == GROUND {
+                (joint.angular, Motion::zero())
+            } else {
+                let inboard = if body.follows_parent(k) { previous } else { moving[body.parent].omega };
+                let (carried, centripetal) = self.shifts.at(k, body).carried(inboard);
+                relative(&body.hinge, carried, centripetal, joint)
+            };
+            moving[k] = Moving { omega, coriolis };
+            previous = omega;
         }
     }
 
@@ -107,19 +121,32 @@ impl<T: Scalar> ForwardDynamics<T> {
     fn sweep_inboard(
         &mut self,
         layout: &Layout<T::Constant>,
-        residuals: &mut [T],
+        loaded: bool,
+        residuals: &mut [T::Arithmetic],
     ) -> Result<(), DynamicsError> {
-        for (k, body) in layout.bodies.iter().enumerate().rev() {
+        self.pending.clear();
+        let mut hand = (ArticulatedInertia::zero(), Wrench::zero());
+        let n = layout.bodies.len();
+        for k in (0..n).rev() {
+            let body = &layout.bodies[k];
+            let Moving { omega, coriolis } = self.moving[k];
             let dofs = body.v..body.v + body.hinge.nv();
-            let mut P = self.inertia[k];
-            let mut z = self.bias[k] + P.times(self.coriolis[k]);
+            let M = RigidInertia::constant(&body.inertia);
+            let own = (M.to_articulated(), M.gyroscopic(omega));
+            let (P, mut z) = self.pending.gather(body, &hand, own, |a, b| (a.0 + b.0, a.1 + b.1));
+            if loaded {
+                z += self.loads[k];
+            }
+            if body.parent != GROUND {
+                z += coriolis_force(&body.hinge, &P, coriolis);
+            }
             let pivots = &mut self.pivots[dofs.clone()];
-            eliminate(&body.hinge, &mut P, pivots).map_err(|(i, D)| layout.singular(body.v + i, D))?;
+            let passage = self.shifts.at(k, body);
+            let moved =
+                eliminate(body, passage, P, pivots).map_err(|(i, D)| layout.singular(body.v + i, D))?;
             filter(&body.hinge, pivots, &mut z, &mut residuals[dofs]);
             if body.parent != GROUND {
-                let x = &self.hinge[k];
-                self.bias[body.parent] += x.wrench_to_parent(z);
-                self.inertia[body.parent] = self.inertia[body.parent] + x.articulated_to_parent(&P);
+                self.pending.give(k, body, &mut hand, (moved, passage.wrench_to_parent(z)));
             }
         }
         Ok(())
@@ -127,16 +154,74 @@ impl<T: Scalar> ForwardDynamics<T> {
 
     /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after.
     #[inline(always)]
-    fn sweep_outboard(&mut self, layout: &Layout<T::Constant>, v: &[T], residuals: &mut [T]) {
+    fn sweep_outboard(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        v: &[T::Arithmetic],
+        residuals: &mut [T::Arithmetic],
+    ) {
         let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity));
-        for (k, body) in layout.bodies.iter().enumerate() {
+        let mut previous = ground;
+        let n = layout.bodies.len();
+        for k in 0..n {
+            let body = &layout.bodies[k];
             let dofs = body.v..body.v + body.hinge.nv();
-            let inboard = if body.parent == GROUND { ground } else { self.alpha[body.parent] };
-            let mut alpha = self.hinge[k].motion_to_child(inboard);
+            let inboard = match body.parent {
+                GROUND => ground,
+                _ if body.follows_parent(k) => previous,
+                parent => self.alpha[parent],
+            };
+            let mut alpha = self.shifts.at(k, body).motion_to_child(inboard);
             smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
             body.hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
-            self.alpha[k] = alpha + self.coriolis[k];
+            alpha += self.moving[k].coriolis;
+            if body.children > 1 {
+                self.alpha[k] = alpha;
+            }
+            previous = alpha;
         }
+    }
+}
+
+kernel! {
+    Sweeps<'a, T> {
+        work: &'a mut ForwardDynamics<T>,
+        layout: &'a Layout<T::Constant>,
+        q: &'a [T::Arithmetic],
+        v: &'a [T::Arithmetic],
+        loaded: bool,
+        out: &'a mut [T::Arithmetic],
+    } -> Result<(), DynamicsError> {
+        work.sweep_velocities(layout, q, v);
+        work.sweep_inboard(layout, loaded, out)?;
+        work.sweep_outboard(layout, v, out);
+        Ok(())
+    }
+}
+
+/// P a, where a hinge about z has no a along it.
+#[inline(always)]
+fn coriolis_force<T: Scalar>(
+    hinge: &Hinge<T::Constant>,
+    P: &ArticulatedInertia<T>,
+    a: Motion<T>,
+) -> Wrench<T> {
+    match hinge {
+        Hinge::Revolute => {
+            let (J, C, m) = (&P.inertia, &P.coupling.0, &P.mass.to_mat3().0);
+            let ([x, y, _], [u, v, w]) = (a.angular.0, a.linear.0);
+            let across = |r: [T; 3], s: T| r[0].fma(u, r[1].fma(v, r[2].fma(w, s)));
+            let along = |j: usize| C[0][j].fma(x, C[1][j] * y);
+            Wrench::new(
+                Vec3([
+                    across(C[0], J.xx.fma(x, J.xy * y)),
+                    across(C[1], J.xy.fma(x, J.yy * y)),
+                    across(C[2], J.xz.fma(x, J.yz * y)),
+                ]),
+                Vec3([across(m[0], along(0)), across(m[1], along(1)), across(m[2], along(2))]),
+            )
+        }
+        _ => P.times(a),
     }
 }
 
@@ -203,7 +288,7 @@ pub fn forward_info<T: Real>(
             let column = body.v + i;
             let mut f = R[k].momentum(body.hinge.axis(i));
             let own = body.hinge.project(i, &f);
-            let ratio = (sweep.pivots[column].inverse * own).recip().to_f64();
+            let ratio = (T::from_arithmetic(sweep.pivots[column].inverse) * own).recip().to_f64();
             if worst.is_none_or(|(_, smallest)| ratio < smallest) {
                 worst = Some((column, ratio));
             }

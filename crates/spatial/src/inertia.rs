@@ -117,6 +117,18 @@ impl<T: Scalar> ArticulatedInertia<T> {
             self.coupling.0[i] = row.0;
         }
     }
+    /// P −= a bᵀ, where a is a multiple of b.
+    #[inline(always)]
+    pub fn subtract_outer(&mut self, a: Wrench<T>, b: Wrench<T>) {
+        let (am, af) = (-a.moment, -a.force);
+        self.inertia.add_product(am, b.moment);
+        self.mass.add_product(af, b.force);
+        for i in 0..3 {
+            for j in 0..3 {
+                self.coupling.0[i][j] = am.0[i].fma(b.force.0[j], self.coupling.0[i][j]);
+            }
+        }
+    }
     /// The full 6×6 matrix, angular first.
     pub fn to_rows(&self) -> [[T; 6]; 6] {
         let mut rows = [[T::zero(); 6]; 6];

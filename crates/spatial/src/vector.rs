@@ -59,7 +59,22 @@ impl<T: Scalar> Vec3<T> {
     #[inline(always)]
     pub fn cross(self, b: Self) -> Self {
         let ([a0, a1, a2], [b0, b1, b2]) = (self.0, b.0);
-        Vec3([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
+        Vec3([a1.fma(b2, -(a2 * b1)), a2.fma(b0, -(a0 * b2)), a0.fma(b1, -(a1 * b0))])
+    }
+    /// a × b + c.
+    #[inline(always)]
+    pub fn cross_add(self, b: Self, c: Self) -> Self {
+        let ([a0, a1, a2], [b0, b1, b2], c) = (self.0, b.0, c.0);
+        Vec3([
+            a1.fma(b2, (-a2).fma(b1, c[0])),
+            a2.fma(b0, (-a0).fma(b2, c[1])),
+            a0.fma(b1, (-a1).fma(b0, c[2])),
+        ])
+    }
+    /// s a + b.
+    #[inline(always)]
+    pub fn scale_add(self, s: T, b: Self) -> Self {
+        Vec3([self.0[0].fma(s, b.0[0]), self.0[1].fma(s, b.0[1]), self.0[2].fma(s, b.0[2])])
     }
     /// s a.
     #[inline(always)]
@@ -250,6 +265,17 @@ impl<T: Scalar> Sym3<T> {
         self.yy += sy * y;
         self.yz += sy * z;
         self.zz += sz * z;
+    }
+    /// S += a bᵀ, where a is a multiple of b.
+    #[inline(always)]
+    pub fn add_product(&mut self, a: Vec3<T>, b: Vec3<T>) {
+        let ([a0, a1, a2], [b0, b1, b2]) = (a.0, b.0);
+        self.xx = a0.fma(b0, self.xx);
+        self.xy = a0.fma(b1, self.xy);
+        self.xz = a0.fma(b2, self.xz);
+        self.yy = a1.fma(b1, self.yy);
+        self.yz = a1.fma(b2, self.yz);
+        self.zz = a2.fma(b2, self.zz);
     }
     /// The inertia matrix m (|c|² I − c cᵀ) of a point mass at c.
     #[inline(always)]
