@@ -69,11 +69,13 @@ class Timer:
         """Thread CPU time of a call, ns."""
         answer = self._ask(model, operation, states, repetitions)
         try:
-            ns, _checksum = map(float, answer.split())
+            ns, checksum = map(float, answer.split())
         except ValueError:
             raise TimerError(f"{self.name}, {operation}, {model}: not a time: {answer[:60]!r}") from None
         if not (np.isfinite(ns) and ns > 0):
             raise TimerError(f"{self.name}, {operation}, {model}: {ns:g} ns is no time of a call")
+        if not np.isfinite(checksum):
+            raise TimerError(f"{self.name}, {operation}, {model}: the results are not finite")
         return ns
 
 

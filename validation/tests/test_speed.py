@@ -43,7 +43,7 @@ for line in sys.stdin:
         values[1] *= {"off": 1 + 1e-6, "nan": float("nan")}.get(mode, 1 + 1e-12)
         print("result", *values, flush=True)
     else:
-        print(ns, 0.0, flush=True)
+        print(ns, "nan" if mode == "nan" else 0.0, flush=True)
 """
 
 
@@ -84,6 +84,11 @@ def test_bad_answers(timer, mode, text):
 def test_impossible_times(timer, ns):
     with pytest.raises(TimerError, match="no time of a call"):
         timer("bad", float(ns)).time("m", "f", "s", 1)
+
+
+def test_results_that_are_not_finite(timer):
+    with pytest.raises(TimerError, match="not finite"):
+        timer("bad", mode="nan").time("m", "f", "s", 1)
 
 
 def test_sides_take_turns(timer, tmp_path):

@@ -27,9 +27,6 @@ impl States {
         let mut header =
             || words.next().ok_or("the states lack their header")?.parse().map_err(Failure::from);
         let (count, nq, nv): (usize, usize, usize) = (header()?, header()?, header()?);
-        if count == 0 {
-            return Err("there are no states".into());
-        }
         let mut rows: [Vec<f64>; 4] = Default::default();
         for _ in 0..count {
             for (row, n) in rows.iter_mut().zip([nq, nv, nv, nv]) {
@@ -114,14 +111,15 @@ fn answer(operation: Operation<'_>, states: &States, repetitions: i64) -> Result
 }
 
 /// What stays open between questions.
-struct Open<P> {
+pub struct Session<P> {
     name: String,
     program: P,
     states_name: String,
     states: States,
 }
 
-fn reply<P: Program>(open: &mut Option<Open<P>>, line: &str) -> Result<String, Failure> {
+/// The answer to one question.
+pub fn reply<P: Program>(open: &mut Option<Session<P>>, line: &str) -> Result<String, Failure> {
     let words: Vec<&str> = line.split_ascii_whitespace().collect();
     let [model, operation, states, repetitions] = words[..] else {
         return Err("four words are required".into());
@@ -129,8 +127,12 @@ fn reply<P: Program>(open: &mut Option<Open<P>>, line: &str) -> Result<String, F
     let repetitions: i64 = repetitions.parse()?;
     if open.as_ref().is_none_or(|o| o.name != model) {
         let program = P::open(model)?;
-        *open =
-            Some(Open { name: model.into(), program, states_name: String::new(), states: States::default() });
+        *open = Some(Session {
+            name: model.into(),
+            program,
+            states_name: String::new(),
+            states: States::default(),
+        });
     }
     let Some(open) = open else { return Err("no model is open".into()) };
     if open.states_name != states {
@@ -139,6 +141,9 @@ fn reply<P: Program>(open: &mut Option<Open<P>>, line: &str) -> Result<String, F
             None => States::read(&std::fs::read_to_string(states)?)?,
         };
         open.states_name = states.into();
+    }
+    if open.states.count == 0 {
+        return Err("there are no states".into());
     }
     match open.program.operation(operation, &open.states)? {
         Some(operation) => answer(operation, &open.states, repetitions),
