@@ -42,7 +42,12 @@ def _cell(row: dict, program: str) -> str:
     best = min(median(times) for times in variants.values())
     ratio, bars = row["ratios"][program]["ratio"], row["ratios"][program]["bar"]
     over = " †" if bars and ratio > bars[0] else ""
-    return f"{time(best)} · **{ratio:.2f}**{over}"
+    return f"{time(best)} · **{ratio:.3g}**{over}"
+
+
+def _goal(program: str, bar: tuple[float, float]) -> str:
+    stretch = f" (stretch {bar[1]:g})" if bar[1] != bar[0] else ""
+    return f"{program} ≤ {bar[0]:g}{stretch}"
 
 
 def text(run: dict) -> str:
@@ -63,7 +68,7 @@ def text(run: dict) -> str:
         parts.append(f"## {operation.replace('_', ' ').capitalize()}\n")
         parts.append(_table(["model (dof)", "phipsi", *(f"{name} · ratio" for name in have)], lines) + "\n")
         if bars:
-            parts.append("Goals: " + ", ".join(f"{n} ≤ {b[0]:g} (stretch {b[1]:g})" for n, b in bars.items()) + "; † missed.\n")
+            parts.append("Goals: " + ", ".join(_goal(*item) for item in bars.items()) + "; † missed.\n")
     if run["chains"]:
         rows = [
             [str(c["bodies"]), f"{c['ns_per_body']:.1f}", f"{c['ratio']:.2f}", "" if c["bar"] is None else f"≤ {c['bar']:g}"]

@@ -322,6 +322,27 @@ def test_timers_are_rebuilt_when_their_sources_change(tmp_path):
         build.cached(target, [source], [sys.executable, "-c", "raise SystemExit('error here')"], "b")
 
 
+@pytest.mark.parametrize(
+    "there, version, expected",
+    [
+        (["clang++-19", "g++"], "Debian clang version 19.1.7", ("clang++-19", True)),
+        (["clang++", "g++"], "clang version 20.1.0", ("clang++", True)),
+        (["clang++", "g++"], "Debian clang version 14.0.6", ("clang++", False)),
+        (["g++"], "g++ (Debian 12.2.0-14) 12.2.0", ("g++", False)),
+    ],
+)
+def test_only_a_new_clang_counts(monkeypatch, there, version, expected):
+    monkeypatch.setattr(build.shutil, "which", lambda name: name if name in there else None)
+    monkeypatch.setattr(build, "_version_of", lambda name: version)
+    assert build.compiler() == expected
+
+
+def test_no_compiler(monkeypatch):
+    monkeypatch.setattr(build.shutil, "which", lambda name: None)
+    with pytest.raises(build.CannotBuild, match="no C\\+\\+ compiler"):
+        build.compiler()
+
+
 def test_page_and_chart(timer, tmp_path):
     run = report.Run(3)
     run.describe("phipsi", build.Built([], "0.1", "rustc", "release"))
