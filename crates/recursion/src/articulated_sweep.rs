@@ -13,7 +13,7 @@
 //! component i its pivot D_i, its gain G_i = P H_i* D_i⁻¹ and P − G_i H_i P remain, as if it were a hinge of its own.
 
 use crate::error::{DynamicsError, check_length};
-use crate::hinge::Hinge;
+use crate::hinge::{Hinge, each_component};
 use crate::kernel::kernel;
 use crate::layout::{GROUND, Layout, LayoutBody, Passage, Shifts};
 use phipsi_spatial::{ArticulatedInertia, EliminatedInertia, Motion, RigidInertia, Scalar, Vec3, Wrench};
@@ -45,28 +45,19 @@ pub(crate) fn eliminate<T: Scalar>(
     mut P: ArticulatedInertia<T>,
     pivots: &mut [Pivot<T>],
 ) -> Result<ArticulatedInertia<T>, Singular> {
-    if let Hinge::Revolute = body.hinge {
-        let P = eliminate_revolute(&P, &mut pivots[0])?;
-        return Ok(if body.parent == GROUND {
-            ArticulatedInertia::zero()
-        } else {
-            body.link.eliminated_to_parent(passage.shift, &P)
-        });
-    }
-    for i in 0..body.hinge.nv() {
-        let column = match body.hinge {
-            Hinge::Helical { .. } => P.times(body.hinge.axis(i)),
-            _ => P.column(body.hinge.components()[i]),
-        };
-        let D = body.hinge.project(i, &column);
-        if !D.is_positive() {
-            return Err((i, D.min_lane()));
+    let pivots = &mut pivots[..body.hinge.nv()];
+    each_component!(
+        body.hinge,
+        |I, C| {
+            let column = P.column(C);
+            pivots[I] = eliminate_axis(&mut P, column, column.get(C)).map_err(|D| (I, D))?;
+        },
+        {
+            let column = P.times(body.hinge.axis(0));
+            let D = body.hinge.project(0, &column);
+            pivots[0] = eliminate_axis(&mut P, column, D).map_err(|D| (0, D))?;
         }
-        let inverse = D.recip();
-        let gain = column.scale(inverse);
-        P.subtract_outer(gain, column);
-        pivots[i] = Pivot { gain, inverse };
-    }
+    );
     // A free joint lets nothing through: what the subtractions leave is rounding.
     Ok(if body.parent == GROUND || matches!(body.hinge, Hinge::Free) {
         ArticulatedInertia::zero()
@@ -75,9 +66,38 @@ pub(crate) fn eliminate<T: Scalar>(
     })
 }
 
+/// One axis with its column U of P and pivot D: P −= U D⁻¹ U*.
+#[inline(always)]
+fn eliminate_axis<T: Scalar>(
+    P: &mut ArticulatedInertia<T>,
+    column: Wrench<T>,
+    D: T,
+) -> Result<Pivot<T>, f64> {
+    if !D.is_positive() {
+        return Err(D.min_lane());
+    }
+    let inverse = D.recip();
+    let gain = column.scale(inverse);
+    P.subtract_outer(gain, column);
+    Ok(Pivot { gain, inverse })
+}
+
+/// P of a body: its own inertia and what its children let through.
+#[inline(always)]
+pub(crate) fn with_own<T: Scalar>(
+    body: &LayoutBody<T::Constant>,
+    outboard: Option<ArticulatedInertia<T>>,
+) -> ArticulatedInertia<T> {
+    let M = RigidInertia::constant(&body.inertia);
+    match outboard {
+        Some(P) => P.plus_rigid(&M),
+        None => M.to_articulated(),
+    }
+}
+
 /// The hinge about z: U is a column of P, and the row and column of P⁺ that vanish are not computed.
 #[inline(always)]
-fn eliminate_revolute<T: Scalar>(
+pub(crate) fn eliminate_revolute<T: Scalar>(
     P: &ArticulatedInertia<T>,
     pivot: &mut Pivot<T>,
 ) -> Result<EliminatedInertia<T>, Singular> {
@@ -91,7 +111,7 @@ fn eliminate_revolute<T: Scalar>(
     let (gx, gy, g) = (ux * inverse, uy * inverse, force.scale(inverse));
     let mut mass = P.mass;
     mass.add_product(-g, force);
-    let row = |g: T, row: [T; 3]| [0, 1, 2].map(|j| (-g).fma(force.0[j], row[j]));
+    let row = |g: T, row: [T; 3]| force.scale_add(-g, Vec3(row)).0;
     *pivot = Pivot { gain: Wrench::new(Vec3([gx, gy, T::one()]), g), inverse };
     Ok(EliminatedInertia {
         inertia: [(-gx).fma(ux, J.xx), (-gx).fma(uy, J.xy), (-gy).fma(uy, J.yy)],
@@ -109,24 +129,32 @@ pub(crate) fn filter<T: Scalar>(
     residuals: &mut [T],
 ) {
     match hinge {
-        Hinge::Revolute => {
-            let (T, Pivot { gain, inverse }) = (residuals[0], pivots[0]);
-            let epsilon = T - z.moment.0[2];
-            let [x, y, _] = z.moment.0;
-            let [gx, gy, _] = gain.moment.0;
-            // H G = 1: the component along the axis is T itself.
-            z.moment = Vec3([gx.fma(epsilon, x), gy.fma(epsilon, y), T]);
-            z.force = gain.force.scale_add(epsilon, z.force);
-            residuals[0] = epsilon * inverse;
-        }
+        Hinge::Revolute => residuals[0] = filter_revolute(&pivots[0], z, residuals[0]),
         Hinge::Free => {
             // H = I and G = I: z⁺ = T exactly, whatever the size of z.
-            let through = Wrench::from_array(core::array::from_fn(|i| residuals[i]));
+            let through = Wrench::from_array([
+                residuals[0],
+                residuals[1],
+                residuals[2],
+                residuals[3],
+                residuals[4],
+                residuals[5],
+            ]);
             filter_components(hinge, pivots, z, residuals);
             *z = through;
         }
         _ => filter_components(hinge, pivots, z, residuals),
     }
+}
+
+/// The hinge about z: ν from T. H G = 1, so that the component of z⁺ along the axis is T itself.
+#[inline(always)]
+pub(crate) fn filter_revolute<T: Scalar>(pivot: &Pivot<T>, z: &mut Wrench<T>, T: T) -> T {
+    let epsilon = T - z.moment.0[2];
+    let ([x, y, _], [gx, gy, _]) = (z.moment.0, pivot.gain.moment.0);
+    z.moment = Vec3([gx.fma(epsilon, x), gy.fma(epsilon, y), T]);
+    z.force = pivot.gain.force.scale_add(epsilon, z.force);
+    epsilon * pivot.inverse
 }
 
 #[inline(always)]
@@ -136,11 +164,20 @@ fn filter_components<T: Scalar>(
     z: &mut Wrench<T>,
     residuals: &mut [T],
 ) {
-    for i in 0..hinge.nv() {
-        let epsilon = residuals[i] - hinge.project(i, z);
-        *z = pivots[i].gain.scale_add(epsilon, *z);
-        residuals[i] = epsilon * pivots[i].inverse;
-    }
+    let (pivots, residuals) = (&pivots[..hinge.nv()], &mut residuals[..hinge.nv()]);
+    each_component!(
+        hinge,
+        |I, C| residuals[I] = filter_axis(&pivots[I], z, z.get(C), residuals[I]),
+        residuals[0] = filter_axis(&pivots[0], z, hinge.project(0, z), residuals[0])
+    );
+}
+
+/// One axis: ν from T, where `along` is H z.
+#[inline(always)]
+fn filter_axis<T: Scalar>(pivot: &Pivot<T>, z: &mut Wrench<T>, along: T, T: T) -> T {
+    let epsilon = T - along;
+    *z = pivot.gain.scale_add(epsilon, *z);
+    epsilon * pivot.inverse
 }
 
 /// Smoother step at one joint: θ̈ = ν − G* α⁺, α = α⁺ + H* θ̈. `residuals` holds ν before and θ̈ after.
@@ -152,19 +189,32 @@ pub(crate) fn smooth<T: Scalar>(
     residuals: &mut [T],
 ) {
     if let Hinge::Revolute = hinge {
-        let ([x, y, z], [gx, gy, _]) = (alpha.angular.0, pivots[0].gain.moment.0);
-        let ([a, b, c], [ga, gb, gc]) = (alpha.linear.0, pivots[0].gain.force.0);
-        let across = gx.fma(x, gy.fma(y, z)) + ga.fma(a, gb.fma(b, gc * c));
-        let x = residuals[0] - across;
-        alpha.angular.0[2] = z + x;
-        residuals[0] = x;
+        residuals[0] = smooth_revolute(&pivots[0], alpha, residuals[0]);
         return;
     }
-    for i in (0..hinge.nv()).rev() {
-        let x = residuals[i] - alpha.dot(pivots[i].gain);
-        hinge.add_axis(i, x, alpha);
-        residuals[i] = x;
-    }
+    let (pivots, residuals) = (&pivots[..hinge.nv()], &mut residuals[..hinge.nv()]);
+    each_component!(
+        reversed hinge,
+        |I, C| {
+            residuals[I] -= alpha.dot(pivots[I].gain);
+            alpha.add_to(C, residuals[I]);
+        },
+        {
+            residuals[0] -= alpha.dot(pivots[0].gain);
+            hinge.add_axis(0, residuals[0], alpha);
+        }
+    );
+}
+
+/// The hinge about z: θ̈ from ν.
+#[inline(always)]
+pub(crate) fn smooth_revolute<T: Scalar>(pivot: &Pivot<T>, alpha: &mut Motion<T>, nu: T) -> T {
+    let ([x, y, z], [gx, gy, _]) = (alpha.angular.0, pivot.gain.moment.0);
+    let ([a, b, c], [ga, gb, gc]) = (alpha.linear.0, pivot.gain.force.0);
+    let across = gx.fma(x, gy.fma(y, z)) + ga.fma(a, gb.fma(b, gc * c));
+    let x = nu - across;
+    alpha.angular.0[2] = z + x;
+    x
 }
 
 /// Contributions of children to bodies that come later in an inward sweep: the first child's in hand, the others' on a stack.
@@ -197,18 +247,18 @@ impl<X: Copy> Pending<X> {
             self.top += 1;
         }
     }
-    /// The sum of what a body's children gave and its own part.
+    /// The sum of what a body's children gave; `None` at a tip.
     #[inline(always)]
-    pub(crate) fn gather<C>(&mut self, body: &LayoutBody<C>, hand: &X, own: X, add: impl Fn(X, X) -> X) -> X {
-        let mut sum = own;
-        if body.children > 0 {
-            sum = add(sum, *hand);
-            for _ in 1..body.children {
-                self.top -= 1;
-                sum = add(sum, self.stack[self.top]);
-            }
+    pub(crate) fn gather<C>(&mut self, body: &LayoutBody<C>, hand: &X, add: impl Fn(X, X) -> X) -> Option<X> {
+        if body.children == 0 {
+            return None;
         }
-        sum
+        let mut sum = *hand;
+        for _ in 1..body.children {
+            self.top -= 1;
+            sum = add(sum, self.stack[self.top]);
+        }
+        Some(sum)
     }
 }
 
@@ -315,8 +365,16 @@ kernel! {
         sweep.pending.clear();
         let mut hand = ArticulatedInertia::zero();
         for (k, body) in layout.bodies.iter().enumerate().rev() {
-            let own = RigidInertia::constant(&body.inertia).to_articulated();
-            let P = sweep.pending.gather(body, &hand, own, |a, b| a + b);
+            let P = with_own(body, sweep.pending.gather(body, &hand, |a, b| a + b));
+            if let Hinge::Revolute = body.hinge {
+                let P = eliminate_revolute(&P, &mut sweep.pivots[body.v])
+                    .map_err(|(i, D)| layout.singular(body.v + i, D))?;
+                if body.parent != GROUND {
+                    let shift = body.link.hinged(sweep.shifts.turn(k));
+                    sweep.pending.give(k, body, &mut hand, body.link.eliminated_to_parent(&shift, &P));
+                }
+                continue;
+            }
             let pivots = &mut sweep.pivots[body.v..body.v + body.hinge.nv()];
             let moved = eliminate(body, sweep.shifts.at(k, body), P, pivots)
                 .map_err(|(i, D)| layout.singular(body.v + i, D))?;
@@ -337,7 +395,7 @@ kernel! {
         let mut hand = Wrench::zero();
         for (k, body) in layout.bodies.iter().enumerate().rev() {
             let dofs = body.v..body.v + body.hinge.nv();
-            let mut z = work.pending.gather(body, &hand, Wrench::zero(), |a, b| a + b);
+            let mut z = work.pending.gather(body, &hand, |a, b| a + b).unwrap_or(Wrench::zero());
             filter(&body.hinge, &sweep.pivots[dofs.clone()], &mut z, &mut x[dofs]);
             if body.parent != GROUND {
                 work.pending.give(k, body, &mut hand, sweep.shifts.at(k, body).wrench_to_parent(z));
@@ -371,7 +429,7 @@ kernel! {
         work.pending.clear();
         let mut hand = Wrench::zero();
         for (k, body) in layout.bodies.iter().enumerate().rev() {
-            let mut z = work.pending.gather(body, &hand, Wrench::zero(), |a, b| a + b);
+            let mut z = work.pending.gather(body, &hand, |a, b| a + b).unwrap_or(Wrench::zero());
             for i in 0..body.hinge.nv() {
                 let pivot = &sweep.pivots[body.v + i];
                 let epsilon = x[body.v + i] / pivot.inverse.sqrt();

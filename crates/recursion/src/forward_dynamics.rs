@@ -10,14 +10,17 @@
 //! | b | (ω × J ω, ω × (ω × h)) − w, gyroscopic force less the external wrench | soa.md 3.0 |
 //! | α, α⁺ | acceleration of the body, and of its inboard side φ*α(p); α(ground) = (0, −g) | paper 1 (9.12)–(9.14) |
 
-use crate::articulated_sweep::{Pending, Pivot, eliminate, filter, smooth};
+use crate::articulated_sweep::{
+    Pending, Pivot, eliminate, eliminate_revolute, filter, filter_revolute, smooth, smooth_revolute, with_own,
+};
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
 use crate::inverse_dynamics::inverse_dynamics;
 use crate::kernel::kernel;
-use crate::kinematics::relative;
+use crate::kinematics::{relative, relative_revolute};
 use crate::layout::{GROUND, Layout, Shifts};
 use crate::mass_matrix::composite_inertias;
+use num_traits::Zero;
 use phipsi_spatial::{ArticulatedInertia, Motion, Real, RigidInertia, Scalar, Vec3, Wrench};
 
 /// What the first sweep leaves of a body.
@@ -102,6 +105,21 @@ impl<T: Scalar> ForwardDynamics<T> {
         let mut previous = Vec3::zero();
         for k in 0..n {
             let body = &layout.bodies[k];
+            if let Hinge::Revolute = body.hinge {
+                let (turn, rate) = (body.link.turned(q[body.q]), v[body.v]);
+                self.shifts.set_turn(k, turn);
+                if body.parent == GROUND {
+                    previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);
+                    moving[k] = Moving { omega: previous, coriolis: Motion::zero() };
+                    continue;
+                }
+                let inboard = if body.follows_parent(k) { previous } else { moving[body.parent].omega };
+                let (carried, centripetal) = body.link.carried(&body.link.hinged(turn), inboard);
+                let (omega, coriolis) = relative_revolute(carried, centripetal, rate);
+                moving[k] = Moving { omega, coriolis };
+                previous = omega;
+                continue;
+            }
             self.shifts.set(k, body, q);
             let joint = body.hinge.expand(&v[body.v..]);
             let (omega, coriolis) = if body.parent == GROUND {
@@ -130,16 +148,33 @@ impl<T: Scalar> ForwardDynamics<T> {
         for k in (0..n).rev() {
             let body = &layout.bodies[k];
             let Moving { omega, coriolis } = self.moving[k];
-            let dofs = body.v..body.v + body.hinge.nv();
-            let M = RigidInertia::constant(&body.inertia);
-            let own = (M.to_articulated(), M.gyroscopic(omega));
-            let (P, mut z) = self.pending.gather(body, &hand, own, |a, b| (a.0 + b.0, a.1 + b.1));
+            let outboard = self.pending.gather(body, &hand, |a, b| (a.0 + b.0, a.1 + b.1));
+            let P = with_own(body, outboard.map(|x| x.0));
+            let mut z = RigidInertia::constant(&body.inertia).gyroscopic(omega);
+            if let Some((_, force)) = outboard {
+                z += force;
+            }
             if loaded {
                 z += self.loads[k];
             }
-            if body.parent != GROUND {
-                z += coriolis_force(&body.hinge, &P, coriolis);
+            if let Hinge::Revolute = body.hinge {
+                if body.parent != GROUND {
+                    z += revolute_coriolis_force(&P, coriolis);
+                }
+                let pivot = &mut self.pivots[body.v];
+                let P = eliminate_revolute(&P, pivot).map_err(|(i, D)| layout.singular(body.v + i, D))?;
+                residuals[body.v] = filter_revolute(pivot, &mut z, residuals[body.v]);
+                if body.parent != GROUND {
+                    let shift = body.link.hinged(self.shifts.turn(k));
+                    let moved = body.link.eliminated_to_parent(&shift, &P);
+                    self.pending.give(k, body, &mut hand, (moved, body.link.wrench_to_parent(&shift, z)));
+                }
+                continue;
             }
+            if body.parent != GROUND {
+                z += P.times(coriolis);
+            }
+            let dofs = body.v..body.v + body.hinge.nv();
             let pivots = &mut self.pivots[dofs.clone()];
             let passage = self.shifts.at(k, body);
             let moved =
@@ -165,15 +200,22 @@ impl<T: Scalar> ForwardDynamics<T> {
         let n = layout.bodies.len();
         for k in 0..n {
             let body = &layout.bodies[k];
-            let dofs = body.v..body.v + body.hinge.nv();
             let inboard = match body.parent {
                 GROUND => ground,
                 _ if body.follows_parent(k) => previous,
                 parent => self.alpha[parent],
             };
-            let mut alpha = self.shifts.at(k, body).motion_to_child(inboard);
-            smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
-            body.hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
+            let mut alpha;
+            if let Hinge::Revolute = body.hinge {
+                let shift = body.link.hinged(self.shifts.turn(k));
+                alpha = body.link.motion_to_child(&shift, inboard);
+                residuals[body.v] = smooth_revolute(&self.pivots[body.v], &mut alpha, residuals[body.v]);
+            } else {
+                let dofs = body.v..body.v + body.hinge.nv();
+                alpha = self.shifts.at(k, body).motion_to_child(inboard);
+                smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
+                body.hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
+            }
             alpha += self.moving[k].coriolis;
             if body.children > 1 {
                 self.alpha[k] = alpha;
@@ -201,28 +243,23 @@ kernel! {
 
 /// P a, where a hinge about z has no a along it.
 #[inline(always)]
-fn coriolis_force<T: Scalar>(
-    hinge: &Hinge<T::Constant>,
-    P: &ArticulatedInertia<T>,
-    a: Motion<T>,
-) -> Wrench<T> {
-    match hinge {
-        Hinge::Revolute => {
-            let (J, C, m) = (&P.inertia, &P.coupling.0, &P.mass.to_mat3().0);
-            let ([x, y, _], [u, v, w]) = (a.angular.0, a.linear.0);
-            let across = |r: [T; 3], s: T| r[0].fma(u, r[1].fma(v, r[2].fma(w, s)));
-            let along = |j: usize| C[0][j].fma(x, C[1][j] * y);
-            Wrench::new(
-                Vec3([
-                    across(C[0], J.xx.fma(x, J.xy * y)),
-                    across(C[1], J.xy.fma(x, J.yy * y)),
-                    across(C[2], J.xz.fma(x, J.yz * y)),
-                ]),
-                Vec3([across(m[0], along(0)), across(m[1], along(1)), across(m[2], along(2))]),
-            )
-        }
-        _ => P.times(a),
-    }
+fn revolute_coriolis_force<T: Scalar>(P: &ArticulatedInertia<T>, a: Motion<T>) -> Wrench<T> {
+    let (J, C, m) = (&P.inertia, &P.coupling.0, &P.mass);
+    let ([x, y, _], [u, v, w]) = (a.angular.0, a.linear.0);
+    let across = |r: [T; 3], s: T| r[0].fma(u, r[1].fma(v, r[2].fma(w, s)));
+    let along = |j: usize| C[0][j].fma(x, C[1][j] * y);
+    Wrench::new(
+        Vec3([
+            across(C[0], J.xx.fma(x, J.xy * y)),
+            across(C[1], J.xy.fma(x, J.yy * y)),
+            across(C[2], J.xz.fma(x, J.yz * y)),
+        ]),
+        Vec3([
+            across([m.xx, m.xy, m.xz], along(0)),
+            across([m.xy, m.yy, m.yz], along(1)),
+            across([m.xz, m.yz, m.zz], along(2)),
+        ]),
+    )
 }
 
 /// [`ForwardDynamics::run`] for a single call.

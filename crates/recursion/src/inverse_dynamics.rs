@@ -10,7 +10,7 @@
 
 use crate::articulated_sweep::Pending;
 use crate::error::{DynamicsError, check_length};
-use crate::hinge::Hinge;
+use crate::hinge::{Hinge, each_component};
 use crate::kernel::kernel;
 use crate::kinematics::relative;
 use crate::layout::{GROUND, Layout, Shifts};
@@ -130,13 +130,13 @@ impl<T: Scalar> InverseDynamics<T> {
         let n = layout.bodies.len();
         for k in (0..n).rev() {
             let body = &layout.bodies[k];
-            let mut f = self.pending.gather(body, &hand, self.force[k], |a, b| a + b);
+            let own = self.force[k];
+            let mut f = self.pending.gather(body, &hand, |a, b| a + b).map_or(own, |f| f + own);
             if loaded {
                 f += self.loads[k];
             }
-            for i in 0..body.hinge.nv() {
-                out[body.v + i] = body.hinge.project(i, &f);
-            }
+            let along = &mut out[body.v..body.v + body.hinge.nv()];
+            each_component!(body.hinge, |I, C| along[I] = f.get(C), along[0] = body.hinge.project(0, &f));
             if body.parent != GROUND {
                 self.pending.give(k, body, &mut hand, self.shifts.at(k, body).wrench_to_parent(f));
             }

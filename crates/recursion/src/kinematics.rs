@@ -38,14 +38,10 @@ pub(crate) fn relative<T: Scalar>(
     centripetal: Vec3<T>,
     joint: Motion<T>,
 ) -> (Vec3<T>, Motion<T>) {
-    let [x, y, z] = carried.0;
-    let o = T::zero();
+    let [x, y, _] = carried.0;
     let (rate, speed) = (joint.angular.0[2], joint.linear.0[2]);
     match hinge {
-        Hinge::Revolute => {
-            let turned = Vec3([y * rate, -(x * rate), o]);
-            (Vec3([x, y, z + rate]), Motion::new(turned, centripetal))
-        }
+        Hinge::Revolute => relative_revolute(carried, centripetal, rate),
         Hinge::Prismatic => {
             let twice = speed + speed;
             let [a, b, c] = centripetal.0;
@@ -56,6 +52,18 @@ pub(crate) fn relative<T: Scalar>(
             (carried + joint.angular, Motion::new(carried.cross(joint.angular), linear))
         }
     }
+}
+
+/// The same for a hinge about z.
+#[inline(always)]
+pub(crate) fn relative_revolute<T: Scalar>(
+    carried: Vec3<T>,
+    centripetal: Vec3<T>,
+    rate: T,
+) -> (Vec3<T>, Motion<T>) {
+    let [x, y, z] = carried.0;
+    let turned = Vec3([y * rate, -(x * rate), T::zero()]);
+    (Vec3([x, y, z + rate]), Motion::new(turned, centripetal))
 }
 
 /// α of a frame fixed to a body, whose pose in the body's frame is `x`.

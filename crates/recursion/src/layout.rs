@@ -73,10 +73,17 @@ pub(crate) struct Shifts<T> {
 impl<T: Scalar> Shifts<T> {
     pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
         let general = layout.bodies.iter().filter(|b| b.is_general()).count();
-        Shifts { shift: vec![Shift::identity(); layout.len()], general: vec![Transform::identity(); general] }
+        Shifts {
+            shift: layout.bodies.iter().map(|b| b.link.at_rest()).collect(),
+            general: vec![Transform::identity(); general],
+        }
     }
     #[inline(always)]
     pub(crate) fn set(&mut self, k: usize, body: &LayoutBody<T::Constant>, q: &[T]) {
+        if let Hinge::Revolute = body.hinge {
+            self.shift[k].turn = body.link.turned(q[body.q]);
+            return;
+        }
         let (shift, general) = body.link.at(&body.hinge, &q[body.q..]);
         self.shift[k] = shift;
         if let Some(pose) = general {
@@ -87,6 +94,15 @@ impl<T: Scalar> Shifts<T> {
         for (k, body) in layout.bodies.iter().enumerate() {
             self.set(k, body, q);
         }
+    }
+    /// The turn of a body on a hinge.
+    #[inline(always)]
+    pub(crate) fn turn(&self, k: usize) -> Turn<T> {
+        self.shift[k].turn
+    }
+    #[inline(always)]
+    pub(crate) fn set_turn(&mut self, k: usize, turn: Turn<T>) {
+        self.shift[k].turn = turn;
     }
     pub(crate) fn all(&self) -> &[Shift<T>] {
         &self.shift

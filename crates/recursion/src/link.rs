@@ -43,7 +43,7 @@ pub struct Link<C> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shift<T> {
     /// Z(q + θ₁).
-    turn: Turn<T>,
+    pub(crate) turn: Turn<T>,
     /// l with what the joint displaces.
     offset: Vec3<T>,
 }
@@ -125,6 +125,20 @@ impl<C: Real> Link<C> {
         let all = columns.map(|c| self.first_up(c));
         Transform::new(Mat3::from_columns(all[0], all[1], all[2]), self.first_up(self.offset))
     }
+    /// The link at q = 0: what a hinge about z keeps of it at all angles is the offset.
+    pub(crate) fn at_rest<T: Scalar<Constant = C>>(&self) -> Shift<T> {
+        self.hinged(Turn::constant(&self.last))
+    }
+    /// Z(q + θ₁).
+    #[inline(always)]
+    pub(crate) fn turned<T: Scalar<Constant = C>>(&self, q: T) -> Turn<T> {
+        Turn::by(q).then(Turn::constant(&self.last))
+    }
+    /// The link of a hinge about z that is turned.
+    #[inline(always)]
+    pub(crate) fn hinged<T: Scalar<Constant = C>>(&self, turn: Turn<T>) -> Shift<T> {
+        Shift { turn, offset: Vec3::constant(self.offset) }
+    }
     /// The link at coordinates `q` of its own joint, and for a joint that turns about no fixed axis the pose itself.
     #[inline(always)]
     pub(crate) fn at<T: Scalar<Constant = C>>(
@@ -137,7 +151,7 @@ impl<C: Real> Link<C> {
         let axis = || Vec3([T::zero(), -T::constant(self.twist.sin), T::constant(self.twist.cos)]);
         let plane = |x: Vec3<T>| self.twist_up(last.up(Axis::Z, x));
         let shift = match hinge {
-            Hinge::Revolute => Shift { turn: Turn::by(q[0]).then(last), offset },
+            Hinge::Revolute => self.hinged(self.turned(q[0])),
             Hinge::Prismatic => Shift { turn: last, offset: offset + axis().scale(q[0]) },
             Hinge::Helical { pitch } => Shift {
                 turn: Turn::by(q[0]).then(last),
@@ -166,14 +180,16 @@ impl<C: Real> Link<C> {
     #[inline(always)]
     fn general<T: Scalar<Constant = C>>(&self, r: &Mat3<T>, offset: Vec3<T>) -> Transform<T> {
         let last = Turn::constant(&self.last);
-        let columns = [0, 1, 2].map(|j| self.first_up(self.vector_up(last, r.column(j))));
-        Transform::new(Mat3::from_columns(columns[0], columns[1], columns[2]), self.first_up(offset))
+        let column = |j: usize| self.first_up(self.vector_up(last, r.column(j)));
+        Transform::new(Mat3::from_columns(column(0), column(1), column(2)), self.first_up(offset))
     }
     /// The pose of the body in its parent.
     #[inline(always)]
     pub(crate) fn pose<T: Scalar<Constant = C>>(&self, shift: &Shift<T>) -> Transform<T> {
-        let columns = [0, 1, 2].map(|i| self.first_up(self.vector_up(shift.turn, Vec3::unit(i))));
-        Transform::new(Mat3::from_columns(columns[0], columns[1], columns[2]), self.first_up(shift.offset))
+        let column = |v: Vec3<T>| self.first_up(self.twist_up(v));
+        let (Turn { cos, sin }, o) = (shift.turn, T::zero());
+        let (x, y) = (column(Vec3([cos, sin, o])), column(Vec3([-sin, cos, o])));
+        Transform::new(Mat3::from_columns(x, y, column(Vec3::unit(2))), self.first_up(shift.offset))
     }
 
     #[inline(always)]

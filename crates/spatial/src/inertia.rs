@@ -90,6 +90,21 @@ impl<T: Scalar> ArticulatedInertia<T> {
     pub fn zero() -> Self {
         ArticulatedInertia { inertia: Sym3::zero(), coupling: Mat3::zero(), mass: Sym3::zero() }
     }
+    /// P + M, in the entries that M has.
+    #[inline(always)]
+    pub fn plus_rigid(&self, m: &RigidInertia<T>) -> Self {
+        let ([x, y, z], [a, b, c]) = (m.first_moment.0, self.coupling.0);
+        let s = &self.mass;
+        ArticulatedInertia {
+            inertia: self.inertia + m.inertia,
+            coupling: Mat3([
+                [a[0], a[1] - z, a[2] + y],
+                [b[0] + z, b[1], b[2] - x],
+                [c[0] - y, c[1] + x, c[2]],
+            ]),
+            mass: Sym3 { xx: s.xx + m.mass, yy: s.yy + m.mass, zz: s.zz + m.mass, ..*s },
+        }
+    }
     /// P V.
     #[inline(always)]
     pub fn times(&self, v: Motion<T>) -> Wrench<T> {

@@ -224,8 +224,12 @@ impl Scalar for Fused {
     }
     #[inline(always)]
     fn dispatch<K: Kernel>(kernel: K) -> K::Output {
+        // AVX-512 has twice the registers, also for one number.
         #[cfg(target_arch = "x86_64")]
-        if Level::Avx2.is_available() {
+        if Level::best() == Level::Avx512 {
+            // SAFETY: the processor has AVX-512.
+            return unsafe { x86::with_avx512(kernel) };
+        } else if Level::Avx2.is_available() {
             // SAFETY: the processor has AVX2 and FMA.
             return unsafe { x86::with_fma(kernel) };
         }
@@ -256,6 +260,8 @@ impl Quadrants for Fused {
     fn within(self, limit: f64) -> bool {
         self.0.abs() < limit
     }
+    #[cold]
+    #[inline(never)]
     fn by_library(self, _: f64, _: Self, _: Self) -> (Self, Self) {
         let (s, c) = self.0.sin_cos();
         (Fused(s), Fused(c))

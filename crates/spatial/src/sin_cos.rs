@@ -49,7 +49,8 @@ pub(crate) trait Quadrants: Scalar {
 
 #[inline(always)]
 fn polynomial<T: Scalar>(z: T, coefficients: &[f64; 6]) -> T {
-    let c = coefficients.map(T::splat);
+    let [c0, c1, c2, c3, c4, c5] = coefficients;
+    let c = [T::splat(*c0), T::splat(*c1), T::splat(*c2), T::splat(*c3), T::splat(*c4), T::splat(*c5)];
     // Two halves side by side: half the latency of Horner's rule.
     let z2 = z * z;
     let (low, high) = (c[1].fma(z, c[0]), c[3].fma(z, c[2]));
@@ -60,7 +61,7 @@ fn polynomial<T: Scalar>(z: T, coefficients: &[f64; 6]) -> T {
 pub(crate) fn sin_cos<T: Quadrants>(x: T) -> (T, T) {
     let shifted = x.fma(T::splat(std::f64::consts::FRAC_2_PI), T::splat(SHIFT));
     let n = shifted - T::splat(SHIFT);
-    let [first, second, third] = HALF_PI.map(T::splat);
+    let [first, second, third] = [T::splat(HALF_PI[0]), T::splat(HALF_PI[1]), T::splat(HALF_PI[2])];
     let exact = n.fma(-first, x);
     let product = n * second;
     let r = exact - product;

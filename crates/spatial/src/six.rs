@@ -70,7 +70,8 @@ macro_rules! six_vector {
             /// Each component by `f`.
             #[inline(always)]
             pub fn map<U: Scalar>(self, f: impl Fn(T) -> U) -> $name<U> {
-                $name { $top: Vec3(self.$top.0.map(&f)), $bottom: Vec3(self.$bottom.0.map(&f)) }
+                let ([a, b, c], [d, e, g]) = (self.$top.0, self.$bottom.0);
+                $name { $top: Vec3([f(a), f(b), f(c)]), $bottom: Vec3([f(d), f(e), f(g)]) }
             }
             /// The six components, angular first.
             #[inline(always)]

@@ -254,11 +254,15 @@ impl<T: Scalar> ArticulatedInertia<T> {
         let [x, y, z] = l.0;
         let (m, C, J) = (self.mass.to_mat3().0, self.coupling.0, &self.inertia);
         // C' = C + l~ m.
-        let moved: [[T; 3]; 3] = [
-            core::array::from_fn(|j| y.fma(m[2][j], (-z).fma(m[1][j], C[0][j]))),
-            core::array::from_fn(|j| z.fma(m[0][j], (-x).fma(m[2][j], C[1][j]))),
-            core::array::from_fn(|j| x.fma(m[1][j], (-y).fma(m[0][j], C[2][j]))),
-        ];
+        let column = |j: usize| {
+            [
+                y.fma(m[2][j], (-z).fma(m[1][j], C[0][j])),
+                z.fma(m[0][j], (-x).fma(m[2][j], C[1][j])),
+                x.fma(m[1][j], (-y).fma(m[0][j], C[2][j])),
+            ]
+        };
+        let ([a0, a1, a2], [b0, b1, b2], [c0, c1, c2]) = (column(0), column(1), column(2));
+        let moved = [[a0, b0, c0], [a1, b1, c1], [a2, b2, c2]];
         // J' = J + l~ Cᵀ + C' l~ᵀ: row i of C crossed into column i, row i of C' into row i.
         let before = |i: usize, j: usize| match i {
             0 => y.fma(C[j][2], -(z * C[j][1])),
@@ -294,7 +298,7 @@ impl<T: Scalar> RigidInertia<T> {
     #[inline(always)]
     pub fn shifted(&self, l: Vec3<T>) -> Self {
         let h = self.first_moment;
-        let g = Vec3([0, 1, 2].map(|i| self.mass.fma(l.0[i], h.0[i])));
+        let g = l.scale_add(self.mass, h);
         let ([x, y, z], [hx, hy, hz], [gx, gy, gz], J) = (l.0, h.0, g.0, &self.inertia);
         // J' = J + (h·l + g·l) I − h lᵀ − l gᵀ: products of the other two axes on the diagonal.
         let (px, py, pz) = (x * (hx + gx), y * (hy + gy), z * (hz + gz));

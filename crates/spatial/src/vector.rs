@@ -136,12 +136,14 @@ impl<T: Scalar> Mat3<T> {
     /// Constants of the model, in every lane.
     #[inline(always)]
     pub fn constant(m: &Mat3<T::Constant>) -> Self {
-        Mat3([0, 1, 2].map(|i| Vec3::constant(Vec3(m.0[i])).0))
+        let row = |i: usize| Vec3::constant(Vec3(m.0[i])).0;
+        Mat3([row(0), row(1), row(2)])
     }
     /// The matrix with these columns.
     #[inline(always)]
     pub fn from_columns(a: Vec3<T>, b: Vec3<T>, c: Vec3<T>) -> Self {
-        Mat3([0, 1, 2].map(|i| [a.0[i], b.0[i], c.0[i]]))
+        let ([a0, a1, a2], [b0, b1, b2], [c0, c1, c2]) = (a.0, b.0, c.0);
+        Mat3([[a0, b0, c0], [a1, b1, c1], [a2, b2, c2]])
     }
     /// The j-th column.
     #[inline(always)]
@@ -172,7 +174,7 @@ impl<T: Scalar> Mat3<T> {
     /// s A.
     #[inline(always)]
     pub fn scale(&self, s: T) -> Self {
-        Mat3(self.0.map(|r| Vec3(r).scale(s).0))
+        Mat3([self.row(0).scale(s).0, self.row(1).scale(s).0, self.row(2).scale(s).0])
     }
 }
 
@@ -194,14 +196,14 @@ impl<T: Scalar> Add for Mat3<T> {
     type Output = Self;
     #[inline(always)]
     fn add(self, b: Self) -> Self {
-        Mat3([0, 1, 2].map(|i| (self.row(i) + b.row(i)).0))
+        Mat3([(self.row(0) + b.row(0)).0, (self.row(1) + b.row(1)).0, (self.row(2) + b.row(2)).0])
     }
 }
 impl<T: Scalar> Sub for Mat3<T> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, b: Self) -> Self {
-        Mat3([0, 1, 2].map(|i| (self.row(i) - b.row(i)).0))
+        Mat3([(self.row(0) - b.row(0)).0, (self.row(1) - b.row(1)).0, (self.row(2) - b.row(2)).0])
     }
 }
 

@@ -17,7 +17,7 @@ pub(super) unsafe fn with_fma<K: Kernel>(kernel: K) -> K::Output {
 /// # Safety
 /// The processor has it, and AVX2 and FMA.
 #[target_feature(enable = "avx512f,avx2,fma")]
-unsafe fn with_avx512<K: Kernel>(kernel: K) -> K::Output {
+pub(super) unsafe fn with_avx512<K: Kernel>(kernel: K) -> K::Output {
     kernel.run()
 }
 
