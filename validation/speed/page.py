@@ -24,8 +24,8 @@ to repeat it, `pip install -r validation/requirements.txt ./crates/python`, then
 - Of Pinocchio's variants (forward dynamics and mass matrix in local or world frames, Jacobian of all joints or along the path) the faster counts, by model.
   MuJoCo: `mj_forward` without constraints, `mj_inverse`, and for the mass matrix `mj_kinematics`, `mj_comPos`, `mj_makeM`. Simbody: `realize(Acceleration)`,
   `calcResidualForceIgnoringConstraints`, `calcM`; Debian's library has its internal checks compiled in.
-- phipsi is built as it is published: no processor-specific flags; the instruction level is chosen at run time. One core. Operations on a batch are
-  per state, against one state of the others.
+- phipsi is built as it is published: no processor-specific flags; the instruction level is chosen at run time. Operations on a batch: CPU time of
+  all threads together, per state, against one state of the others.
 - Ratio: time(phipsi) / time(other); below 1 phipsi is faster.
 """
 

@@ -1,11 +1,12 @@
 //! What the timers share: one line per question on standard input, one line per answer on standard output.
 //!
 //! Question: `MODEL OPERATION STATES-FILE REPETITIONS`, for the others of `validation/speed` too.
-//! Answer: `NS CHECKSUM` for REPETITIONS > 0: thread CPU time per state, and the sum of the last call's results;
+//! Answer: `NS CHECKSUM` for REPETITIONS > 0: CPU time per state (of the thread; of a batch: of all threads), and the sum of the
+//! last call's results;
 //! `result X X …` for REPETITIONS ≤ 0: the results at state −REPETITIONS; `unsupported`; or `error: REASON`.
 //! States: `COUNT NQ NV`, then q, v, tau, a of each state; calls cycle through them.
 
-use cpu_time::ThreadTime;
+use cpu_time::{ProcessTime, ThreadTime};
 use std::io::{BufRead, Write};
 
 /// Why something failed.
@@ -72,7 +73,7 @@ pub type Call<'a> = Box<dyn FnMut(usize, &mut [f64]) -> Result<(), Failure> + 'a
 pub struct Operation<'a> {
     /// Results per state.
     pub size: usize,
-    /// Computes all states in one call, whatever its argument.
+    /// Computes all states in one call, whatever its argument; results state by state.
     pub batch: bool,
     pub call: Call<'a>,
 }
@@ -101,12 +102,14 @@ fn answer(operation: Operation<'_>, states: &States, repetitions: i64) -> Result
     }
     let calls = (repetitions as usize).div_ceil(per_call);
     let mut state = 0;
-    let begun = ThreadTime::try_now()?;
+    let begun = (ThreadTime::try_now()?, ProcessTime::try_now()?);
     for _ in 0..calls {
         call(state, &mut out)?;
         state = if state + 1 == states.count { 0 } else { state + 1 };
     }
-    let ns = begun.try_elapsed()?.as_nanos() as f64 / (calls * per_call) as f64;
+    // A batch may run on several threads: what all of them took together.
+    let time = if batch { begun.1.try_elapsed()? } else { begun.0.try_elapsed()? };
+    let ns = time.as_nanos() as f64 / (calls * per_call) as f64;
     Ok(format!("{ns} {:e}", out.iter().sum::<f64>()))
 }
 
