@@ -6,8 +6,8 @@ import math
 from html import escape
 from pathlib import Path
 
-from .report import time
-from .timer import median
+from .python import show
+from .timer import duration, median
 
 _HEAD = """# Speed
 
@@ -42,7 +42,7 @@ def _cell(row: dict, program: str) -> str:
     best = min(median(times) for times in variants.values())
     ratio, bars = row["ratios"][program]["ratio"], row["ratios"][program]["bar"]
     over = " †" if bars and ratio > bars[0] else ""
-    return f"{time(best)} · **{ratio:.3g}**{over}"
+    return f"{duration(best)} · **{ratio:.3g}**{over}"
 
 
 def _goal(program: str, bar: tuple[float, float]) -> str:
@@ -64,7 +64,7 @@ def text(run: dict) -> str:
         lines = []
         for row in rows:
             ours = min(median(times) for times in row["ns"]["phipsi"].values())
-            lines.append([f"{row['model']} ({row['dof']})", time(ours), *(_cell(row, name) for name in have)])
+            lines.append([f"{row['model']} ({row['dof']})", duration(ours), *(_cell(row, name) for name in have)])
         parts.append(f"## {operation.replace('_', ' ').capitalize()}\n")
         parts.append(_table(["model (dof)", "phipsi", *(f"{name} · ratio" for name in have)], lines) + "\n")
         if bars:
@@ -76,6 +76,13 @@ def text(run: dict) -> str:
         ]
         parts.append("## Long chains\n\nForward dynamics of one state of a chain, phipsi alone.\n")
         parts.append(_table(["bodies", "ns per body", "over the first", "goal"], rows) + "\n")
+    if run["python"]:
+        rows = [
+            [f["what"], show(f["value"], f["unit"]), "" if f["bar"] is None else f"≤ {show(f['bar'], f['unit'])}"]
+            for f in run["python"]
+        ]
+        parts.append("## From Python\n\nWhat the package adds to the kernels.\n")
+        parts.append(_table(["what", "measured", "goal"], rows) + "\n")
     if run["left_out"] or run["refused"]:
         parts.append("## Left out\n\n" + "\n".join(f"- {line}" for line in [*run["left_out"], *run["refused"]]) + "\n")
     return "\n".join(parts)

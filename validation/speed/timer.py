@@ -116,3 +116,11 @@ def alternate(sides: Sequence[Side], rounds: int, quantum: float = QUANTUM) -> l
 def median(times: Sequence[float]) -> float:
     """The middle of the measurements."""
     return float(statistics.median(times))
+
+
+def duration(ns: float) -> str:
+    """A time for people."""
+    for unit, size in (("ns", 1.0), ("µs", 1e3), ("ms", 1e6)):
+        if ns < 1e3 * size:
+            return f"{ns / size:.3g} {unit}" if ns < 999.5 * size else f"{ns / size:.0f} {unit}"
+    return f"{ns / 1e9:.3g} s"

@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 
 import phipsi
-from validation.speed import build, models, page, report
+from validation.speed import build, models, page, python, report
 from validation.speed.__main__ import main
 from validation.speed.programs import Dynibo, MuJoCo, Pinocchio, Program, Simbody, difference
 from validation.speed.timer import Side, Timer, TimerError, Unsupported, alternate
@@ -350,10 +350,12 @@ def test_page_and_chart(timer, tmp_path):
     other = Other("Pinocchio", ("inverse_dynamics", timer("x", 1000.0)))
     run.compare(CASE, "inverse_dynamics", ours(timer, 460.0), [other])
     run.chains.append({"bodies": 64, "ns_per_body": 50.0, "ratio": 1.0, "bar": None})
+    run.python.append(python.Figure("one call", 2100.0, "ns", 2000.0))
     (tmp_path / "images").mkdir()
     page.write(run.as_json(), tmp_path)
     text = (tmp_path / "speed.md").read_text()
     assert "| arm (2) | 460 ns | 1 µs · **0.46** † |" in text and "does not count" in text and "| 64 | 50.0 |" in text
+    assert "| one call | 2.1 µs | ≤ 2 µs |" in text and "one call: 2.1 µs (OVER 2 µs)" in run.text()
     root = ElementTree.parse(tmp_path / "images" / "speed.svg").getroot()
     dots = root.findall(".//{*}circle")
     assert len(dots) == 1 and dots[0].find("{*}title").text == "arm: 0.46"
