@@ -81,7 +81,7 @@ def text(run: dict) -> str:
             [f["what"], show(f["value"], f["unit"]), "" if f["bar"] is None else f"≤ {show(f['bar'], f['unit'])}"]
             for f in run["python"]
         ]
-        parts.append("## From Python\n\nWhat the package adds to the kernels.\n")
+        parts.append("## From Python\n\nWhat the package adds to the kernels. Wall times contain whatever else the machine does.\n")
         parts.append(_table(["what", "measured", "goal"], rows) + "\n")
     if run["left_out"] or run["refused"]:
         parts.append("## Left out\n\n" + "\n".join(f"- {line}" for line in [*run["left_out"], *run["refused"]]) + "\n")
