@@ -38,6 +38,7 @@ pub mod layout;
 pub mod mass_matrix;
 pub mod mass_matrix_inverse;
 pub mod momentum;
+pub mod square_root_forward_dynamics;
 
 pub use articulated_sweep::ArticulatedSweep;
 pub use energy::{center_of_mass, kinetic_energy, potential_energy};
@@ -54,3 +55,4 @@ pub use layout::Layout;
 pub use mass_matrix::mass_matrix;
 pub use mass_matrix_inverse::{mass_matrix_inverse, solve_mass_matrix};
 pub use momentum::{About, centroidal_momentum_matrix, momentum};
+pub use square_root_forward_dynamics::{SquareRootForwardDynamics, square_root_forward_dynamics};

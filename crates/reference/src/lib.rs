@@ -12,6 +12,7 @@ pub mod articulated_sweep;
 pub mod bodies;
 pub mod dense;
 pub mod energy;
+pub mod extreme;
 pub mod forward_dynamics;
 pub mod generate;
 pub mod hinge_check;

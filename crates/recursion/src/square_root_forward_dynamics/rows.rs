@@ -1,0 +1,180 @@
+//! Rows of a least-squares problem in the acceleration of one body, and their reduction by Householder reflections.
+//!
+//! | symbol | meaning | shape |
+//! |---|---|---|
+//! | S, y | rows of ‖S α + y‖², S angular first | up to 12×6, 12 |
+//! | v, β | reflection I − β v v* that leaves one entry of a column | |
+//!
+//! Each reflection takes the row with the largest entry of its column as pivot row (Powell and Reid 1969): then every row
+//! is in error by ε of its own size only, whatever the sizes of the others (Cox and Higham 1998).
+
+use phipsi_spatial::{Real, Transform, Vec3, Wrench};
+
+/// One row: six entries of S, one of y, and the size of the terms that its angular entries are sums of.
+pub(super) type Row<T> = [T; 8];
+
+/// A column whose every entry is below this many ε of the terms of its row is rounding.
+const ROUNDING: f64 = 8.0;
+
+/// Rows of a body that it and its children add up to before elimination.
+const CAPACITY: usize = 12;
+
+/// The first six entries, which move between frames as a wrench does.
+#[inline(always)]
+pub(super) fn covector<T: Real>(row: &Row<T>) -> Wrench<T> {
+    Wrench::new(Vec3([row[0], row[1], row[2]]), Vec3([row[3], row[4], row[5]]))
+}
+
+/// |x| + |y| + |z|.
+#[inline(always)]
+fn sum<T: Real>(v: Vec3<T>) -> T {
+    v.0[0].abs() + v.0[1].abs() + v.0[2].abs()
+}
+
+/// Up to twelve rows; those before `first` have been taken out.
+#[derive(Clone, Debug)]
+pub(super) struct Rows<T> {
+    rows: [Row<T>; CAPACITY],
+    first: usize,
+    end: usize,
+}
+
+impl<T: Real> Rows<T> {
+    /// No rows.
+    pub(super) fn new() -> Self {
+        Rows { rows: [[T::zero(); 8]; CAPACITY], first: 0, end: 0 }
+    }
+    /// Forgets all rows.
+    #[inline(always)]
+    pub(super) fn clear(&mut self) {
+        (self.first, self.end) = (0, 0);
+    }
+    /// The rows.
+    #[inline(always)]
+    pub(super) fn get(&self) -> &[Row<T>] {
+        &self.rows[self.first..self.end]
+    }
+    /// The rows, to be changed.
+    #[inline(always)]
+    pub(super) fn get_mut(&mut self) -> &mut [Row<T>] {
+        &mut self.rows[self.first..self.end]
+    }
+    /// Adds a row. Callers add at most six to at most six.
+    #[inline(always)]
+    pub(super) fn push(&mut self, row: Row<T>) {
+        if self.end < CAPACITY {
+            self.rows[self.end] = row;
+            self.end += 1;
+        }
+    }
+    /// Adds rows of a child with pose `x`: S φ*.
+    #[inline(always)]
+    pub(super) fn push_from_child(&mut self, x: &Transform<T>, rows: &[Row<T>]) {
+        for row in rows {
+            let own = covector(row);
+            let w = x.wrench_to_parent(own);
+            let ([a, b, c], [d, e, f]) = (w.moment.0, w.force.0);
+            let terms = sum(own.moment) + sum(x.translation) * sum(own.force);
+            self.push([a, b, c, d, e, f, row[6], terms]);
+        }
+    }
+    /// True if no entry of a column is more than rounding.
+    #[inline(always)]
+    pub(super) fn is_rounding(&self, column: usize) -> bool {
+        let unit = T::splat(ROUNDING * T::EPSILON);
+        !self.get().iter().any(|row| {
+            let w = covector(row);
+            let terms = if column < 3 { row[7].larger(sum(w.moment)) } else { sum(w.force) };
+            row[column].abs() > unit * terms
+        })
+    }
+    /// Sum of squares of a column, as an error message prints it.
+    pub(super) fn square(&self, column: usize) -> f64 {
+        self.get().iter().map(|row| row[column].to_f64().powi(2)).sum()
+    }
+    /// Entries of angle and displacement along z that belong to one helical hinge: the column of the angle becomes the hinge's.
+    #[inline(always)]
+    pub(super) fn join(&mut self, pitch: T) {
+        for row in self.get_mut() {
+            row[2] += pitch * row[5];
+            row[7] += (pitch * row[5]).abs();
+        }
+    }
+    /// Undoes [`Rows::join`].
+    #[inline(always)]
+    pub(super) fn part(row: &mut Row<T>, pitch: T) {
+        row[2] -= pitch * row[5];
+    }
+    /// Reflects the rows so that the first alone has an entry in `column`; takes that row out and returns it.
+    /// `None` if all entries are zero or one is not finite.
+    #[inline(always)]
+    pub(super) fn take(&mut self, column: usize) -> Option<Row<T>> {
+        let rows = &mut self.rows[self.first..self.end];
+        let mut pivot = 0;
+        let mut largest = T::zero();
+        for (i, row) in rows.iter().enumerate() {
+            let size = row[column].abs();
+            if size > largest {
+                (pivot, largest) = (i, size);
+            }
+        }
+        if !largest.is_positive() {
+            return None;
+        }
+        rows.swap(0, pivot);
+        let mut square = T::zero();
+        for row in rows.iter() {
+            square = row[column].fma(row[column], square);
+        }
+        let size = square.sqrt();
+        if !size.is_positive() {
+            return None;
+        }
+        let lead = rows[0][column];
+        let rho = if lead > T::zero() { -size } else { size };
+        let v0 = lead - rho;
+        // β = 2/‖v‖² = −1/(ρ v₀).
+        let beta = -(rho * v0).recip();
+        let mut w = rows[0].map(|x| x * v0);
+        for row in &rows[1..] {
+            for j in 0..7 {
+                w[j] = row[column].fma(row[j], w[j]);
+            }
+        }
+        w = w.map(|x| x * beta);
+        for row in &mut rows[1..] {
+            let v = row[column];
+            for j in 0..7 {
+                row[j] -= v * w[j];
+            }
+            row[column] = T::zero();
+        }
+        let mut taken = rows[0];
+        for j in 0..7 {
+            taken[j] -= v0 * w[j];
+        }
+        taken[column] = rho;
+        self.first += 1;
+        Some(taken)
+    }
+    /// The same sum of squares, up to a constant, in at most as many rows as there are columns that are not zero, if there
+    /// are more than `most`.
+    #[inline(always)]
+    pub(super) fn compress(&mut self, most: usize) {
+        if self.end - self.first <= most {
+            return;
+        }
+        let mut kept = [[T::zero(); 8]; 6];
+        let mut count = 0;
+        for column in [3, 4, 5, 0, 1, 2] {
+            if let Some(row) = self.take(column) {
+                kept[count] = row;
+                count += 1;
+            }
+        }
+        self.clear();
+        for row in &kept[..count] {
+            self.push(*row);
+        }
+    }
+}
