@@ -165,7 +165,9 @@ impl<T: Real> SquareRootForwardDynamics<T> {
                     }
                     p = Wrench::from_array(entries);
                 }
-                stack.compress(6 - hinge.nv());
+                if p != Wrench::zero() || stack.get().len() > 6 - hinge.nv() {
+                    stack.absorb(&mut p);
+                }
                 self.linear[body.parent] += self.hinge[k].wrench_to_parent(p);
                 self.hand_over(k, body.parent);
             }
@@ -180,7 +182,9 @@ impl<T: Real> SquareRootForwardDynamics<T> {
         at_parent.clear();
         held[..*count].iter().for_each(|row| at_parent.push(*row));
         at_parent.push_from_child(&self.hinge[k], self.stack.get());
-        at_parent.compress(6);
+        if at_parent.get().len() > 6 {
+            at_parent.compress();
+        }
         *count = at_parent.get().len().min(6);
         held[..*count].copy_from_slice(&at_parent.get()[..*count]);
     }

@@ -60,12 +60,13 @@ impl Chain {
         let rounding = wrenches.clone();
         Case { model, q, v, a, tau, wrenches, rounding, body: n - 1, point: Vec3::zero() }
     }
-    /// With random angles up to `bend`, rates up to `rate`, joint forces up to one.
+    /// With random angles up to `bend`, rates up to `rate`, joint forces up to mass times length of the link.
     pub fn scene(&self, name: &str, seed: u64, bend: f64, rate: f64) -> Scene {
         let n = self.masses.len();
         let mut random = Random::new(seed);
         let mut numbers = |scale: f64| (0..n).map(|_| scale * random.signed()).collect::<Vec<f64>>();
-        let (q, v, tau) = (numbers(bend), numbers(rate), numbers(1.0));
+        let (q, v, mut tau) = (numbers(bend), numbers(rate), numbers(1.0));
+        tau.iter_mut().zip(&self.masses).zip(&self.lengths).for_each(|((tau, m), l)| *tau *= m * l);
         Scene { name: name.into(), case: self.case(q, v, tau) }
     }
 }

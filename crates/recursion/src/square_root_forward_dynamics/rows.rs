@@ -157,21 +157,32 @@ impl<T: Real> Rows<T> {
         self.first += 1;
         Some(taken)
     }
-    /// The same sum of squares, up to a constant, in at most as many rows as there are columns that are not zero, if there
-    /// are more than `most`.
+    /// The same sum of squares, up to a constant, in at most as many rows as there are columns that are not zero.
     #[inline(always)]
-    pub(super) fn compress(&mut self, most: usize) {
-        if self.end - self.first <= most {
-            return;
-        }
+    pub(super) fn compress(&mut self) {
+        self.absorb(&mut Wrench::zero());
+    }
+    /// [`Rows::compress`], and the linear term p goes into y as far as the rows reach: R* Δy = p by substitution, whose errors
+    /// are ε of the rows again. Columns without a row keep their entry of p.
+    #[inline(always)]
+    pub(super) fn absorb(&mut self, p: &mut Wrench<T>) {
         let mut kept = [[T::zero(); 8]; 6];
         let mut count = 0;
+        let mut left = p.to_array();
+        // Lengths first: their entries do not depend on a frame's origin.
         for column in [3, 4, 5, 0, 1, 2] {
-            if let Some(row) = self.take(column) {
+            if let Some(mut row) = self.take(column) {
+                let share = left[column] / row[column];
+                row[6] += share;
+                for j in 0..6 {
+                    left[j] -= share * row[j];
+                }
+                left[column] = T::zero();
                 kept[count] = row;
                 count += 1;
             }
         }
+        *p = Wrench::from_array(left);
         self.clear();
         for row in &kept[..count] {
             self.push(*row);
