@@ -24,7 +24,9 @@ pub mod kinematics;
 pub mod mass_matrix;
 pub mod mass_matrix_inverse;
 pub mod momentum;
+pub mod refined_forward_dynamics;
 pub mod sensitivity;
+pub mod square_root_forward_dynamics;
 
 pub use articulated_sweep::{articulated_joint_inertias, log_determinant};
 pub use dense::NotPositive;
@@ -38,3 +40,5 @@ pub use kinematics::{BodyMotion, kinematics};
 pub use mass_matrix::mass_matrix;
 pub use mass_matrix_inverse::{mass_matrix_inverse, solve_mass_matrix};
 pub use momentum::{centroidal_momentum_matrix, momentum};
+pub use refined_forward_dynamics::refined_forward_dynamics;
+pub use square_root_forward_dynamics::square_root_forward_dynamics;
