@@ -78,7 +78,7 @@ pub struct FormChoice {
 
 impl FormChoice {
     /// Measures a model at six states: the neutral configuration and two random ones, each with joint forces zero and with
-    /// those of random accelerations; velocities random, gravity the layout's.
+    /// random ones of the size that random accelerations need; velocities random, gravity the layout's.
     ///
     /// # Method
     /// Plain, if it agrees with the square-root form to max(3e-13, 16 n ε); else the square-root form, if it agrees with
@@ -180,6 +180,8 @@ fn states(model: &Model, layout: &Layout<f64>) -> Vec<State> {
         let mut tau = vec![0.0; layout.nv()];
         all.push(State { q: q.clone(), v: state.v.clone(), tau: tau.clone() });
         if inverse.run(layout, &q, &state.v, &a, None, &mut tau).is_ok() {
+            // Of that size, but not balanced: forces that nearly cancel make any form's result uncertain.
+            tau.iter_mut().for_each(|tau| *tau *= random.signed());
             all.push(State { q, v: state.v, tau });
         }
     }

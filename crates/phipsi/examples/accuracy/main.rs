@@ -1,54 +1,143 @@
-//! Accuracy.
+//! How many digits the forms of forward dynamics keep on extreme mechanisms, and what they cost.
+//!
+//! `cargo run --release -p phipsi --example accuracy` prints the tables of `docs/src/accuracy.md`; with `-- --write` it puts
+//! them there.
 
-use phipsi::recursion::{Layout, forward_dynamics, inverse_dynamics, square_root_forward_dynamics};
+#[path = "../../tests/common/stored.rs"]
+mod stored;
+
+use phipsi::recursion::{
+    DynamicsError, Form, FormChoice, FormForwardDynamics, Layout, SquareRootForwardDynamics, forward_info,
+};
 use phipsi::spatial::{Dd, Scalar};
 use phipsi_reference::extreme::{Chain, Scene, scenes};
-use phipsi_reference::sensitivity::widened;
+use phipsi_reference::generate::Case;
+use phipsi_reference::sensitivity::{sensitivity, widened};
+use std::fmt::Write;
+use std::time::Instant;
 
-fn error(a: &[f64], truth: &[Dd]) -> f64 {
-    let scale = truth.iter().fold(0.0f64, |m, x| m.max(x.hi.abs()));
-    a.iter().zip(truth).fold(0.0f64, |m, (x, y)| m.max((Dd::from_f64(*x) - *y).hi.abs() / scale))
-}
+const FORMS: [Form; 4] = [Form::Plain, Form::Refined, Form::SquareRoot, Form::DoubleDouble];
 
-fn show(scene: &Scene) {
-    let c = &scene.case;
-    let layout = Layout::<f64>::new(&c.model);
-    let wide = Layout::<Dd>::new(&c.model);
-    let (q, v, tau) = (widened(&c.q), widened(&c.v), widened(&c.tau));
-    let truth = square_root_forward_dynamics(&c.model, &wide, &q, &v, &tau, None);
-    let other = forward_dynamics(&wide, &q, &v, &tau, None);
-    let truth = match truth { Ok(t) => t, Err(e) => { println!("{}: truth {e}", scene.name); return; } };
-    let dd = match other { Ok(o) => error(&o.iter().map(|x| x.hi).collect::<Vec<_>>(), &truth), Err(_) => f64::NAN };
-    let plain = forward_dynamics(&layout, &c.q, &c.v, &c.tau, None);
-    let plain_error = plain.as_ref().map_or(f64::NAN, |a| error(a, &truth));
-    let root = square_root_forward_dynamics(&c.model, &layout, &c.q, &c.v, &c.tau, None);
-    let root_error = match &root { Ok(a) => error(a, &truth), Err(e) => { println!("{e}"); f64::NAN } };
-    let refine = |a: &[f64]| -> f64 {
-        let t = inverse_dynamics(&layout, &c.q, &c.v, a, None).unwrap();
-        let r: Vec<f64> = c.tau.iter().zip(&t).map(|(x, y)| x - y).collect();
-        let still = layout.clone().with_gravity(phipsi::spatial::Vec3::zero());
-        match forward_dynamics(&still, &c.q, &vec![0.0; a.len()], &r, None) {
-            Ok(d) => error(&a.iter().zip(&d).map(|(x, y)| x + y).collect::<Vec<_>>(), &truth),
-            Err(_) => f64::NAN,
-        }
-    };
-    let refined = plain.as_ref().map_or(f64::NAN, |a| refine(a));
-    println!("{:45} plain {plain_error:.1e} refined {refined:.1e} root {root_error:.1e} dd {dd:.1e}", scene.name);
-}
+const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/src/accuracy.md");
 
-fn main() {
-    let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../validation/data/extreme_chains.json")).unwrap();
-    let file: serde_json::Value = serde_json::from_str(&text).unwrap();
-    for c in file.as_array().unwrap() {
-        let n = |k: &str| c[k].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect::<Vec<_>>();
-        let offset = n("offset");
-        let chain = Chain { masses: n("m"), lengths: n("L"), axes: n("axis").iter().map(|x| *x as usize).collect(), offset: [offset[0], offset[1], offset[2]], gravity: c["g"].as_f64().unwrap() };
-        let s = Scene { name: format!("stored: {}", c["name"].as_str().unwrap()), case: chain.case(n("q"), n("qd"), n("tau")) };
-        show(&s);
-        let l = Layout::<f64>::new(&s.case.model);
-        let a = square_root_forward_dynamics(&s.case.model, &l, &s.case.q, &s.case.v, &s.case.tau, None).unwrap();
-        let want: Vec<Dd> = c["acc_ref"].as_array().unwrap().iter().map(|x| Dd::splat(x.as_str().unwrap().parse().unwrap())).collect();
-        println!("   against stored: {:.1e}", error(&a, &want));
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let text = format!("{}\n{}", errors()?, costs()?);
+    println!("{text}");
+    if std::env::args().any(|a| a == "--write") {
+        let page = std::fs::read_to_string(PAGE)?;
+        let (begin, end) = ("<!-- tables: begin -->\n", "<!-- tables: end -->");
+        let first = page.find(begin).ok_or("the page has no mark where tables begin")? + begin.len();
+        let last = page.find(end).ok_or("the page has no mark where tables end")?;
+        std::fs::write(PAGE, format!("{}\n{text}\n{}", &page[..first], &page[last..]))?;
     }
-    for s in scenes() { show(&s); }
+    Ok(())
+}
+
+/// Accelerations in double-double numbers, by the square-root form.
+fn truth(case: &Case) -> Result<Vec<Dd>, DynamicsError> {
+    let layout = Layout::<Dd>::new(&case.model);
+    let mut out = vec![Dd::splat(0.0); layout.nv()];
+    let (q, v, tau) = (widened(&case.q), widened(&case.v), widened(&case.tau));
+    SquareRootForwardDynamics::new(&case.model, &layout).run(&layout, &q, &v, &tau, None, &mut out)?;
+    Ok(out)
+}
+
+fn largest(x: &[Dd]) -> f64 {
+    x.iter().fold(0.0, |m, x| m.max(x.hi.abs()))
+}
+
+/// Largest error over largest number.
+fn error(a: &[f64], truth: &[Dd]) -> f64 {
+    let worst = a.iter().zip(truth).fold(0.0f64, |m, (x, y)| m.max((Dd::from_f64(*x) - *y).hi.abs()));
+    worst / largest(truth)
+}
+
+fn errors() -> Result<String, Box<dyn std::error::Error>> {
+    let stored_chains = stored::extreme_chains().into_iter().map(|(mut scene, a)| {
+        scene.name = format!("{} (stored)", scene.name);
+        (scene, Some(a))
+    });
+    let robots = stored::UNEQUAL.iter().filter_map(|name| stored::robot(name).into_iter().next());
+    let all = scenes().into_iter().map(|s| (s, None)).chain(stored_chains);
+    let all = all.chain(robots.map(|(s, a)| (s, Some(a))));
+    let mut table = String::from(
+        "| scene | κ | plain | refined | square_root | double_double | auto | its backward error / ε |\n\
+         |---|---|---|---|---|---|---|---|\n",
+    );
+    for (scene, known) in all {
+        let Scene { name, case } = &scene;
+        let layout = Layout::<f64>::new(&case.model);
+        let exact = truth(case)?;
+        if let Some(known) = known {
+            // Angles of a URDF file become quaternions, rounded to ε.
+            let off = error(&known, &exact);
+            if off > 32.0 * f64::EPSILON {
+                return Err(
+                    format!("{name}: double-double numbers differ from the stored ones by {off:e}").into()
+                );
+            }
+        }
+        let (_, sizes) = sensitivity(case, 6, 1, |c| truth(c).unwrap_or_default());
+        let kappa = sizes.iter().fold(0.0f64, |m, x| m.max(*x)) / largest(&exact);
+        write!(table, "| {name} | {kappa:.1} ")?;
+        let run = |form| -> Result<(Vec<f64>, Form), DynamicsError> {
+            let mut forward = FormForwardDynamics::new(&case.model, &layout, form);
+            let mut out = vec![0.0; layout.nv()];
+            forward.run(&layout, &case.q, &case.v, &case.tau, None, &mut out)?;
+            Ok((out, forward.form()))
+        };
+        for form in FORMS {
+            match run(form) {
+                Ok((a, _)) => write!(table, "| {:.0e} ", error(&a, &exact))?,
+                Err(_) => table += "| fails ",
+            }
+        }
+        let (a, form) = run(Form::Auto)?;
+        let info = forward_info(&layout, &case.q, &case.v, &case.tau, None, &a)?;
+        writeln!(table, "| {form} | {:.1} |", info.backward_error / f64::EPSILON)?;
+    }
+    Ok(table)
+}
+
+/// Nanoseconds per body, median of `rounds`, of every form in turn.
+fn costs() -> Result<String, Box<dyn std::error::Error>> {
+    let mut table = String::from(
+        "| chain of | plain, ns a body | refined / plain | square_root / plain | double_double / plain | choosing / plain |\n\
+         |---|---|---|---|---|---|\n",
+    );
+    for n in [7, 64, 1000] {
+        let scene = Chain::uniform(n).scene("", 1, 0.3, 1.0);
+        let case = &scene.case;
+        let layout = Layout::<f64>::new(&case.model);
+        let mut out = vec![0.0; layout.nv()];
+        let mut kernels = FORMS.map(|form| FormForwardDynamics::new(&case.model, &layout, form));
+        let calls = 20_000 / n;
+        let mut times = vec![Vec::new(); FORMS.len() + 1];
+        for _ in 0..41 {
+            for (kernel, times) in kernels.iter_mut().zip(&mut times) {
+                let start = Instant::now();
+                for _ in 0..calls {
+                    kernel.run(&layout, &case.q, &case.v, &case.tau, None, &mut out)?;
+                    std::hint::black_box(&mut out);
+                }
+                times.push(start.elapsed().as_secs_f64() / (calls * n) as f64);
+            }
+            let start = Instant::now();
+            std::hint::black_box(FormChoice::of(&case.model, &layout));
+            times[FORMS.len()].push(start.elapsed().as_secs_f64() / n as f64);
+        }
+        let medians: Vec<f64> = times
+            .iter_mut()
+            .map(|t| {
+                t.sort_by(f64::total_cmp);
+                t[t.len() / 2]
+            })
+            .collect();
+        write!(table, "| {n} | {:.0} ", 1e9 * medians[0])?;
+        for x in &medians[1..] {
+            write!(table, "| {:.1} ", x / medians[0])?;
+        }
+        table += "|\n";
+    }
+    Ok(table)
 }
