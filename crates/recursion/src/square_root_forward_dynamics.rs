@@ -24,7 +24,7 @@ use crate::layout::{GROUND, Layout};
 use body::BodyRows;
 use phipsi_model::Model;
 use phipsi_spatial::{Motion, Real, Transform, Vec3, Wrench};
-use rows::{Row, Rows, covector};
+use rows::{Row, Rows, covector, zero};
 
 /// An eliminated degree of freedom: x = (u − r·α⁺)/ρ.
 #[derive(Clone, Copy, Debug)]
@@ -61,7 +61,7 @@ impl<T: Real> SquareRootForwardDynamics<T> {
             hinge: vec![Transform::identity(); n],
             omega: vec![Vec3::zero(); n],
             coriolis: vec![Motion::zero(); n],
-            children: vec![([[T::zero(); 8]; 6], 0); n],
+            children: vec![([zero(); 6], 0); n],
             load: vec![Wrench::zero(); n],
             linear: vec![Wrench::zero(); n],
             alpha: vec![Motion::zero(); n],
@@ -134,40 +134,41 @@ impl<T: Real> SquareRootForwardDynamics<T> {
             for row in stack.get_mut() {
                 row[6] += a.dot(covector(row));
             }
+            // A helical hinge moves along its axis too: while rows and p are joined, its column is that of its angle.
+            let pitch = if hinge.nv() == 1 { hinge.axis::<T>(0).linear.0[2] } else { T::zero() };
+            let helical = hinge.components() == [2] && pitch != T::zero();
+            if helical {
+                stack.join(pitch);
+                p.moment.0[2] += pitch * p.force.0[2];
+            }
             for (i, &column) in hinge.components().iter().enumerate() {
-                let axis = hinge.axis::<T>(i);
-                // A helical hinge moves along its axis too.
-                let pitch = if column == 2 { axis.linear.0[2] } else { T::zero() };
-                let helical = pitch != T::zero();
-                if helical {
-                    stack.join(pitch);
-                }
                 let taken = if stack.is_rounding(column) { None } else { stack.take(column) };
-                let Some(mut row) = taken else {
+                let Some(row) = taken else {
                     return Err(layout.singular(body.v + i, stack.square(column)));
                 };
-                let rho = row[column];
-                if helical {
-                    Rows::part(&mut row, pitch);
-                    stack.get_mut().iter_mut().for_each(|row| Rows::part(row, pitch));
-                }
-                let r = covector(&row);
-                let share = (tau[body.v + i] - hinge.project(i, &p)) / rho;
+                let (r, rho, e) = (covector(&row), row[column], tau[body.v + i] - p.get(column));
+                let share = e / rho;
                 p += r.scale(share);
                 self.taken[body.v + i] = Taken { r, rho, u: share - row[6] };
             }
             if body.parent != GROUND {
                 // H p⁺ = T exactly, so that a free joint lets the size of p through to nothing.
-                if hinge.nv() > 1 {
-                    let mut entries = p.to_array();
-                    for (i, &component) in hinge.components().iter().enumerate() {
-                        entries[component] = tau[body.v + i];
-                    }
-                    p = Wrench::from_array(entries);
+                let mut entries = p.to_array();
+                for (i, &column) in hinge.components().iter().enumerate() {
+                    entries[column] = tau[body.v + i];
                 }
+                p = Wrench::from_array(entries);
                 if p != Wrench::zero() || stack.get().len() > 6 - hinge.nv() {
                     stack.absorb(&mut p);
                 }
+            }
+            if helical {
+                stack.part(pitch);
+                p.moment.0[2] -= pitch * p.force.0[2];
+                let r = &mut self.taken[body.v].r;
+                r.moment.0[2] -= pitch * r.force.0[2];
+            }
+            if body.parent != GROUND {
                 self.linear[body.parent] += self.hinge[k].wrench_to_parent(p);
                 self.hand_over(k, body.parent);
             }

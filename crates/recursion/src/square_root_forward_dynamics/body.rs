@@ -98,7 +98,7 @@ impl<T: Real> BodyRows<T> {
             let external = e.dot(moment);
             if root > o {
                 let [x, y, z] = e.scale(root).0;
-                push([x, y, z, o, o, o, own + external / root, o]);
+                push([x, y, z, o, o, o, own + external / root, root, o]);
             } else {
                 left.moment += e.scale(own + external);
             }
@@ -109,9 +109,9 @@ impl<T: Real> BodyRows<T> {
             let [x, y, z] = self.center.scale(root).0;
             let [a, b, c] = (centrifugal + load.force.scale(root.recip())).0;
             let terms = self.reach * root;
-            push([o, z, -y, root, o, o, a, terms]);
-            push([-z, o, x, o, root, o, b, terms]);
-            push([y, -x, o, o, o, root, c, terms]);
+            push([o, z, -y, root, o, o, a, terms, root]);
+            push([-z, o, x, o, root, o, b, terms, root]);
+            push([y, -x, o, o, o, root, c, terms, root]);
         } else {
             left.force = load.force;
         }

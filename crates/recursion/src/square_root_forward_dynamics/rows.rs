@@ -10,8 +10,13 @@
 
 use phipsi_spatial::{Real, Transform, Vec3, Wrench};
 
-/// One row: six entries of S, one of y, and the size of the terms that its angular entries are sums of.
-pub(super) type Row<T> = [T; 8];
+/// One row: six entries of S, one of y, and the sizes of the terms that its angular and its linear entries are sums of.
+pub(super) type Row<T> = [T; 9];
+
+/// No entries.
+pub(super) fn zero<T: Real>() -> Row<T> {
+    [T::zero(); 9]
+}
 
 /// A column whose every entry is below this many ε of the terms of its row is rounding.
 const ROUNDING: f64 = 8.0;
@@ -42,7 +47,7 @@ pub(super) struct Rows<T> {
 impl<T: Real> Rows<T> {
     /// No rows.
     pub(super) fn new() -> Self {
-        Rows { rows: [[T::zero(); 8]; CAPACITY], first: 0, end: 0 }
+        Rows { rows: [zero(); CAPACITY], first: 0, end: 0 }
     }
     /// Forgets all rows.
     #[inline(always)]
@@ -74,19 +79,17 @@ impl<T: Real> Rows<T> {
             let own = covector(row);
             let w = x.wrench_to_parent(own);
             let ([a, b, c], [d, e, f]) = (w.moment.0, w.force.0);
-            let terms = sum(own.moment) + sum(x.translation) * sum(own.force);
-            self.push([a, b, c, d, e, f, row[6], terms]);
+            let linear = sum(own.force);
+            let angular = sum(own.moment) + sum(x.translation) * linear;
+            self.push([a, b, c, d, e, f, row[6], angular, linear]);
         }
     }
     /// True if no entry of a column is more than rounding.
     #[inline(always)]
     pub(super) fn is_rounding(&self, column: usize) -> bool {
         let unit = T::splat(ROUNDING * T::EPSILON);
-        !self.get().iter().any(|row| {
-            let w = covector(row);
-            let terms = if column < 3 { row[7].larger(sum(w.moment)) } else { sum(w.force) };
-            row[column].abs() > unit * terms
-        })
+        let terms = if column < 3 { 7 } else { 8 };
+        !self.get().iter().any(|row| row[column].abs() > unit * row[terms])
     }
     /// Sum of squares of a column, as an error message prints it.
     pub(super) fn square(&self, column: usize) -> f64 {
@@ -102,8 +105,8 @@ impl<T: Real> Rows<T> {
     }
     /// Undoes [`Rows::join`].
     #[inline(always)]
-    pub(super) fn part(row: &mut Row<T>, pitch: T) {
-        row[2] -= pitch * row[5];
+    pub(super) fn part(&mut self, pitch: T) {
+        self.get_mut().iter_mut().for_each(|row| row[2] -= pitch * row[5]);
     }
     /// Reflects the rows so that the first alone has an entry in `column`; takes that row out and returns it.
     /// `None` if all entries are zero or one is not finite.
@@ -136,24 +139,29 @@ impl<T: Real> Rows<T> {
         // β = 2/‖v‖² = −1/(ρ v₀).
         let beta = -(rho * v0).recip();
         let mut w = rows[0].map(|x| x * v0);
+        (w[7], w[8]) = (w[7].abs(), w[8].abs());
         for row in &rows[1..] {
+            let v = row[column];
             for j in 0..7 {
-                w[j] = row[column].fma(row[j], w[j]);
+                w[j] = v.fma(row[j], w[j]);
+            }
+            for j in 7..9 {
+                w[j] += v.abs() * row[j];
             }
         }
         w = w.map(|x| x * beta);
-        for row in &mut rows[1..] {
-            let v = row[column];
+        for (i, row) in rows.iter_mut().enumerate() {
+            let v = if i == 0 { v0 } else { row[column] };
             for j in 0..7 {
                 row[j] -= v * w[j];
             }
+            for j in 7..9 {
+                row[j] = row[j].larger(v.abs() * w[j]);
+            }
             row[column] = T::zero();
         }
-        let mut taken = rows[0];
-        for j in 0..7 {
-            taken[j] -= v0 * w[j];
-        }
-        taken[column] = rho;
+        rows[0][column] = rho;
+        let taken = rows[0];
         self.first += 1;
         Some(taken)
     }
@@ -166,11 +174,15 @@ impl<T: Real> Rows<T> {
     /// are ε of the rows again. Columns without a row keep their entry of p.
     #[inline(always)]
     pub(super) fn absorb(&mut self, p: &mut Wrench<T>) {
-        let mut kept = [[T::zero(); 8]; 6];
+        let mut kept = [zero(); 6];
         let mut count = 0;
         let mut left = p.to_array();
         // Lengths first: their entries do not depend on a frame's origin.
         for column in [3, 4, 5, 0, 1, 2] {
+            // A column of rounding is no inertia: a share of p in it would be anything.
+            if self.is_rounding(column) {
+                continue;
+            }
             if let Some(mut row) = self.take(column) {
                 let share = left[column] / row[column];
                 row[6] += share;
