@@ -18,8 +18,8 @@ pub(super) fn zero<T: Real>() -> Row<T> {
     [T::zero(); 9]
 }
 
-/// A column whose every entry is below this many ε of the terms of its row is rounding.
-const ROUNDING: f64 = 8.0;
+/// A column whose every entry is below this many ε of the terms of its row is rounding: a dozen rows, six reflections.
+const ROUNDING: f64 = 64.0;
 
 /// Rows of a body that it and its children add up to before elimination.
 const CAPACITY: usize = 12;
@@ -72,16 +72,22 @@ impl<T: Real> Rows<T> {
             self.end += 1;
         }
     }
-    /// Adds rows of a child with pose `x`: S φ*.
+    /// Adds rows of a child with pose `x`: S φ*. A vector of rounding alone is set to zero: it has no size of its own.
     #[inline(always)]
     pub(super) fn push_from_child(&mut self, x: &Transform<T>, rows: &[Row<T>]) {
+        let unit = T::splat(ROUNDING * T::EPSILON);
         for row in rows {
-            let own = covector(row);
+            let mut own = covector(row);
+            let (mut angular, mut linear) = (sum(own.moment), sum(own.force));
+            if angular <= unit * row[7] {
+                (own.moment, angular) = (Vec3::zero(), T::zero());
+            }
+            if linear <= unit * row[8] {
+                (own.force, linear) = (Vec3::zero(), T::zero());
+            }
             let w = x.wrench_to_parent(own);
             let ([a, b, c], [d, e, f]) = (w.moment.0, w.force.0);
-            let linear = sum(own.force);
-            let angular = sum(own.moment) + sum(x.translation) * linear;
-            self.push([a, b, c, d, e, f, row[6], angular, linear]);
+            self.push([a, b, c, d, e, f, row[6], angular + sum(x.translation) * linear, linear]);
         }
     }
     /// True if no entry of a column is more than rounding.
