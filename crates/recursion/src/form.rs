@@ -124,24 +124,25 @@ impl FormChoice {
     }
 }
 
-/// One line for people.
-impl fmt::Display for FormChoice {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl FormChoice {
+    /// What was measured, for people.
+    pub fn why(&self) -> String {
         let FormChoice { form, plain_error, error, limit } = self;
         match form {
             Form::Plain if self.is_sufficient() => {
-                write!(f, "plain: its error at the states tried is {plain_error:.0e}, at most {limit:.0e}")
+                format!("error at the states tried {plain_error:.0e}, at most {limit:.0e}")
             }
-            _ if self.is_sufficient() => write!(
-                f,
-                "{form}: the plain form's error at the states tried is {plain_error:.0e}, this one's {error:.0e}"
-            ),
-            _ => write!(
-                f,
-                "{form}: its error at the states tried is {error:.0e}, more than {limit:.0e}: \
-                 no form is better; expect as few digits, or bring masses and lengths closer together"
-            ),
+            _ if self.is_sufficient() => {
+                format!("error at the states tried {error:.0e}; of the plain form {plain_error:.0e}")
+            }
+            _ => format!("error at the states tried {error:.0e}, more than {limit:.0e}; no form has less"),
         }
+    }
+}
+
+impl fmt::Display for FormChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({})", self.form, self.why())
     }
 }
 
