@@ -221,7 +221,7 @@ pub struct FormForwardDynamics {
 #[derive(Clone, Debug)]
 enum Kernel {
     Plain(ForwardDynamics<f64>),
-    Refined(RefinedForwardDynamics<f64>),
+    Refined(Box<RefinedForwardDynamics<f64>>),
     SquareRoot(Box<SquareRootForwardDynamics<f64>>),
     DoubleDouble(Box<Wide>),
 }
@@ -245,7 +245,7 @@ impl FormForwardDynamics {
         let form = if form == Form::Auto { FormChoice::of(model, layout).form } else { form };
         let kernel = match form {
             Form::Auto | Form::Plain => Kernel::Plain(ForwardDynamics::new(layout)),
-            Form::Refined => Kernel::Refined(RefinedForwardDynamics::new(layout)),
+            Form::Refined => Kernel::Refined(Box::new(RefinedForwardDynamics::new(layout))),
             Form::SquareRoot => Kernel::SquareRoot(Box::new(SquareRootForwardDynamics::new(model, layout))),
             Form::DoubleDouble => Kernel::DoubleDouble(Box::new(Wide::new(model, layout))),
         };

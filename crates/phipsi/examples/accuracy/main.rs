@@ -94,7 +94,7 @@ fn errors() -> Result<String, Box<dyn std::error::Error>> {
         }
         let (a, form) = run(Form::Auto)?;
         let info = forward_info(&layout, &case.q, &case.v, &case.tau, None, &a)?;
-        writeln!(table, "| {form} | {:.1} |", info.backward_error / f64::EPSILON)?;
+        writeln!(table, "| {form} | {:.0e} |", info.backward_error / f64::EPSILON)?;
     }
     Ok(table)
 }
