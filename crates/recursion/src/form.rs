@@ -2,7 +2,7 @@
 //!
 //! All forms give the same accelerations but for rounding. What plain recursion loses depends on the model: heavy bodies
 //! on light ones (soa.md 2.2). [`FormChoice`] measures it once: the plain and the square-root form are two unrelated ways
-//! of rounding, so where they agree both are right; where they do not, double-double numbers judge.
+//! of rounding, so where they agree both are right; where they do not, the square-root form in double-double numbers judges.
 
 use crate::error::{DynamicsError, check_length};
 use crate::forward_dynamics::ForwardDynamics;
@@ -82,11 +82,11 @@ impl FormChoice {
     ///
     /// # Method
     /// Plain, if it agrees with the square-root form to max(3e-13, 16 n ε); else the square-root form, if it agrees with
-    /// double-double numbers; else these.
+    /// itself in double-double numbers as well; else double-double numbers, if they are better.
     ///
     /// # Cost
-    /// O(n), once per model: six evaluations of the plain and of the square-root form; where they differ, six more in
-    /// double-double numbers.
+    /// O(n), once per model: six evaluations of the plain and of the square-root form; where they differ, six or
+    /// twelve more in double-double numbers.
     pub fn of(model: &Model, layout: &Layout<f64>) -> Self {
         let limit = GOOD.max(GOOD_PER_BODY * layout.len() as f64);
         let mut choice = FormChoice { form: Form::Plain, plain_error: 0.0, error: 0.0, limit };
@@ -104,17 +104,17 @@ impl FormChoice {
         if choice.error <= limit {
             return choice;
         }
-        let wide = results(Form::DoubleDouble);
-        choice.plain_error = largest_difference(&plain, &wide);
-        choice.error = largest_difference(&root, &wide);
+        let wide_layout = Layout::<Dd>::new(model).with_gravity(Vec3(layout.gravity().0.map(Dd::from_f64)));
+        let mut judge = SquareRootForwardDynamics::<Dd>::new(model, &wide_layout);
+        let judged: Vec<_> = states.iter().map(|state| state.judge(&wide_layout, &mut judge)).collect();
+        choice.plain_error = largest_difference(&plain, &judged);
+        choice.error = largest_difference(&root, &judged);
         choice.form = Form::SquareRoot;
         if choice.error > limit {
-            // Double-double numbers are judged by the square-root form in the same numbers.
-            choice.form = Form::DoubleDouble;
-            let layout = Layout::<Dd>::new(model).with_gravity(Vec3(layout.gravity().0.map(Dd::from_f64)));
-            let mut judge = SquareRootForwardDynamics::<Dd>::new(model, &layout);
-            let judged: Vec<_> = states.iter().map(|state| state.judge(&layout, &mut judge)).collect();
-            choice.error = largest_difference(&wide, &judged);
+            let error = largest_difference(&results(Form::DoubleDouble), &judged);
+            if error < choice.error {
+                (choice.form, choice.error) = (Form::DoubleDouble, error);
+            }
         }
         choice
     }

@@ -13,7 +13,7 @@ use phipsi_reference as slow;
 use phipsi_reference::extreme::{Chain, scenes};
 use phipsi_reference::generate::{Case, Limits, case, case_within, rebuilt, starved};
 use phipsi_reference::sensitivity::{sensitivity, widened};
-use phipsi_spatial::{Dd, Real};
+use phipsi_spatial::{Dd, Real, Wrench};
 
 /// κ alone: no mass ratio multiplies it. Twice, since six perturbations find half of what forty do (seed 779).
 fn kappa(_: &Case, size: &mut [f64]) {
@@ -107,6 +107,28 @@ fn square_root_form_in_double_double_numbers() {
             fast::square_root_forward_dynamics(&case.model, &layout, &q, &v, &tau, Some(&wrenches)).unwrap();
         let unit = steps(&case) * Dd::EPSILON;
         compare("square_root", seed, &got, &want, &vec![2.0 * largest; got.len()], unit);
+    }
+}
+
+/// Seven digits, for models without decades of masses; what cancels rounds by its terms, a thousandth of the largest component.
+#[test]
+fn square_root_form_in_single_precision() {
+    for seed in seeds(200) {
+        let limits = Limits { degrees_of_freedom: 1 + (seed % 12) as usize, decades: 0.5 };
+        let mut case = case_within(seed, limits);
+        for x in [&mut case.q, &mut case.v, &mut case.tau] {
+            x.iter_mut().for_each(|x| *x = f64::from(*x as f32));
+        }
+        case.wrenches.iter_mut().for_each(|w| *w = Wrench::zero());
+        let [q, v, tau] =
+            [&case.q, &case.v, &case.tau].map(|x| x.iter().map(|&x| x as f32).collect::<Vec<_>>());
+        let layout = Layout::<f32>::new(&case.model);
+        let got = fast::square_root_forward_dynamics(&case.model, &layout, &q, &v, &tau, None).unwrap();
+        let (want, mut size) = sensitivity(&case, SAMPLES, seed, dense);
+        kappa(&case, &mut size);
+        let largest = size.iter().fold(0.0f64, |m, x| m.max(*x));
+        size.iter_mut().for_each(|x| *x = x.max(1e-3 * largest));
+        compare("f32", seed, &got, &want, &size, steps(&case) * f64::from(f32::EPSILON));
     }
 }
 
@@ -267,6 +289,17 @@ fn a_far_scene_has_the_same_accelerations_in_every_form() {
             assert!(error <= 10.0 * f64::EPSILON, "{form}, PHIPSI_SEED={seed}: {error:e}");
         }
     }
+}
+
+/// A choice that does not keep its limit says so.
+#[test]
+fn a_choice_that_is_not_good_says_so() {
+    let good = FormChoice { form: Form::SquareRoot, plain_error: 1e-3, error: 1e-14, limit: 3e-13 };
+    assert!(good.is_sufficient() && good.why().contains("of the plain form 1e-3"), "{good}");
+    let bad = FormChoice { error: 1e-9, ..good };
+    assert!(!bad.is_sufficient() && bad.to_string().contains("1e-9, more than 3e-13"), "{bad}");
+    let unknown = FormChoice { error: f64::INFINITY, ..good };
+    assert!(!unknown.is_sufficient());
 }
 
 #[test]

@@ -28,20 +28,29 @@ pub struct Chain {
     pub offset: [f64; 3],
     /// Gravity along −y, m/s².
     pub gravity: f64,
+    /// Radius over length of the rods.
+    pub radius: f64,
 }
 
 impl Chain {
     /// n equal rods of 1 kg and 1 m, axes y and z in turn.
     pub fn uniform(n: usize) -> Self {
         let axes = (0..n).map(|k| 1 + k % 2).collect();
-        Chain { masses: vec![1.0; n], lengths: vec![1.0; n], axes, offset: [0.0; 3], gravity: 9.81 }
+        Chain {
+            masses: vec![1.0; n],
+            lengths: vec![1.0; n],
+            axes,
+            offset: [0.0; 3],
+            gravity: 9.81,
+            radius: 0.05,
+        }
     }
     /// With a state.
     pub fn case(&self, q: Vec<f64>, v: Vec<f64>, tau: Vec<f64>) -> Case {
         let mut builder = ModelBuilder::new("chain").gravity([0.0, -self.gravity, 0.0]);
         let mut parent = "world".to_string();
         for (k, (&m, &l)) in self.masses.iter().zip(&self.lengths).enumerate() {
-            let axial = 0.00125 * m * l * l;
+            let axial = 0.5 * self.radius * self.radius * m * l * l;
             let across = m * l * l / 12.0 + axial / 2.0;
             let inertia = Inertia::from_principal(m, [l / 2.0, 0.0, 0.0], [axial, across, across]);
             let at = if k == 0 { self.offset } else { [self.lengths[k - 1], 0.0, 0.0] };
@@ -105,10 +114,14 @@ pub fn scenes() -> Vec<Scene> {
         chain.masses.iter_mut().skip(1).step_by(2).for_each(|m| *m = 10f64.powi(-decade));
         all.push(chain.scene(&format!("alternating 1 : 1e-{decade}"), 300 + decade as u64, 0.5, 1.0));
     }
-    for ratio in [0.25, 0.5, 1.25, 2.0, 3.0, 4.0] {
+    for ratio in [0.1, 0.25, 0.5, 1.25, 2.0, 3.0, 4.0] {
         let chain =
             Chain { masses: powers(ratio * ratio * ratio, 20), lengths: powers(ratio, 20), ..uniform(20) };
         all.push(chain.scene(&format!("length x{ratio} per link, mass as its cube"), 400, 0.5, 1.0));
+    }
+    for radius in [1e-2, 1e-5, 1e-8] {
+        let chain = Chain { axes: (0..12).map(|k| k % 3).collect(), radius, ..uniform(12) };
+        all.push(chain.scene(&format!("rods of radius {radius:e}, axes x, y, z"), 450, 0.5, 1.0));
     }
     for offset in [1e4, 1e8] {
         let chain = Chain { offset: [offset, -offset, offset], ..uniform(10) };

@@ -41,6 +41,7 @@ pub fn extreme_chains() -> Vec<(Scene, Vec<f64>)> {
             axes: n("axis").into_iter().map(|x| x as usize).collect(),
             offset: [offset[0], offset[1], offset[2]],
             gravity: c["g"].as_f64().expect("a number"),
+            radius: 0.05,
         };
         let case = chain.case(n("q"), n("qd"), n("tau"));
         (Scene { name: c["name"].as_str().expect("a name").into(), case }, n("acc_ref"))
