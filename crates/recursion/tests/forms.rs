@@ -10,7 +10,7 @@ use phipsi_recursion::{
     singular_hinges,
 };
 use phipsi_reference as slow;
-use phipsi_reference::extreme::{Chain, scenes};
+use phipsi_reference::extreme::{Chain, beyond, scenes};
 use phipsi_reference::generate::{Case, Limits, case, case_within, rebuilt, starved};
 use phipsi_reference::sensitivity::{sensitivity, widened};
 use phipsi_spatial::{Dd, Real, Wrench};
@@ -227,6 +227,24 @@ fn extreme_chains_keep_their_digits() {
         let info = forward_info(&layout, &case.q, &case.v, &case.tau, None, &a).unwrap();
         let allowed = 100.0 * layout.len() as f64 * f64::EPSILON;
         assert!(info.backward_error <= allowed, "{name}, {choice}: {:e}", info.backward_error);
+    }
+}
+
+/// Where even double-double numbers fail in the plain recursion, the square-root form agrees with itself in those numbers:
+/// its rows do not know of each other's size.
+#[test]
+fn beyond_the_reach_of_the_plain_recursion() {
+    for scene in beyond() {
+        let (name, case) = (&scene.name, &scene.case);
+        let layout = Layout::<f64>::new(&case.model);
+        let choice = FormChoice::of(&case.model, &layout);
+        assert_eq!(choice.form, Form::SquareRoot, "{name}: {choice}");
+        assert!(choice.is_sufficient() && choice.plain_error > 0.1, "{name}: {choice}");
+        let (q, v, tau) = (widened(&case.q), widened(&case.v), widened(&case.tau));
+        let wide = Layout::<Dd>::new(&case.model);
+        let want = fast::square_root_forward_dynamics(&case.model, &wide, &q, &v, &tau, None).unwrap();
+        let error = relative(&run(Form::SquareRoot, &layout, case).unwrap(), &want);
+        assert!(error <= choice.limit, "{name}: {error:e}");
     }
 }
 

@@ -80,6 +80,18 @@ impl Chain {
     }
 }
 
+/// Masses over a hundred decades, lengths over sixteen: beyond what the plain recursion can do even in double-double numbers.
+pub fn beyond() -> Vec<Scene> {
+    let scaled = |from: f64, ratio: f64, n: usize| powers(ratio, n).into_iter().map(|x| from * x).collect();
+    let heavier = Chain { masses: scaled(1e-50, 1e10, 10), ..Chain::uniform(10) };
+    let longer =
+        Chain { masses: scaled(1e-30, 1e3, 16), lengths: scaled(1e-8, 10.0, 16), ..Chain::uniform(16) };
+    vec![
+        heavier.scene("mass x1e10 per link", 1, 0.5, 1.0),
+        longer.scene("length x10 per link, mass as its cube", 1, 0.5, 1.0),
+    ]
+}
+
 fn powers(base: f64, n: usize) -> Vec<f64> {
     (0..n).map(|k| base.powi(k as i32)).collect()
 }
