@@ -3,7 +3,8 @@
 use allocation_counter::measure;
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{
-    ArticulatedSweep, ForwardDynamics, InverseDynamics, Kinematics, Layout, body_pose, body_velocity,
+    ArticulatedSweep, Form, FormForwardDynamics, ForwardDynamics, InverseDynamics, Kinematics, Layout,
+    body_pose, body_velocity,
 };
 use phipsi_reference::generate::case;
 
@@ -32,6 +33,12 @@ fn kernels_do_not_allocate() {
         assert_none("forward dynamics", seed, || {
             forward.run(&layout, q, v, &case.tau, wrenches, &mut out).unwrap();
         });
+        for form in Form::ALL {
+            let mut forward = FormForwardDynamics::new(&case.model, &layout, form);
+            assert_none(form.name(), seed, || {
+                forward.run(&layout, q, v, &case.tau, wrenches, &mut out).unwrap();
+            });
+        }
         assert_none("inverse dynamics", seed, || {
             inverse.run(&layout, q, v, &case.a, wrenches, &mut out).unwrap();
         });
