@@ -27,7 +27,7 @@ pub struct ForwardDynamics<T> {
     inertia: Vec<ArticulatedInertia<T>>,
     bias: Vec<Wrench<T>>,
     alpha: Vec<Motion<T>>,
-    pivots: Vec<Pivot<T>>,
+    pub(crate) pivots: Vec<Pivot<T>>,
 }
 
 impl<T: Scalar> ForwardDynamics<T> {
