@@ -27,7 +27,7 @@ pub struct ForwardDynamics<T> {
     inertia: Vec<ArticulatedInertia<T>>,
     bias: Vec<Wrench<T>>,
     alpha: Vec<Motion<T>>,
-    pub(crate) pivots: Vec<Pivot<T>>,
+    pivots: Vec<Pivot<T>>,
 }
 
 impl<T: Scalar> ForwardDynamics<T> {
@@ -85,6 +85,16 @@ impl<T: Scalar> ForwardDynamics<T> {
         self.sweep_inboard(layout, out)?;
         self.sweep_outboard(layout, v, out);
         Ok(())
+    }
+
+    /// Pivot of one degree of freedom, after a run.
+    #[inline(always)]
+    pub(crate) fn pivot(&self, i: usize) -> Pivot<T::Arithmetic> {
+        let Pivot { column, inverse } = self.pivots[i];
+        Pivot {
+            column: Wrench::from_array(column.to_array().map(T::to_arithmetic)),
+            inverse: inverse.to_arithmetic(),
+        }
     }
 
     #[inline(always)]

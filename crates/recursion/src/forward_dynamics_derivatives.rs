@@ -11,16 +11,16 @@ use crate::error::{DynamicsError, check_length};
 use crate::forward_dynamics::ForwardDynamics;
 use crate::hinge::Hinge;
 use crate::innovations::Innovations;
-use crate::inverse_dynamics_derivatives::{InverseDynamicsDerivatives, Matrices};
+use crate::inverse_dynamics_derivatives::{DerivativeSweeps, Matrices};
 use crate::layout::Layout;
 use phipsi_spatial::{Motion, Scalar, Wrench};
 
 /// Workspace of the derivatives of forward dynamics.
 #[derive(Clone, Debug)]
-pub struct ForwardDynamicsDerivatives<T> {
+pub struct ForwardDynamicsDerivatives<T: Scalar> {
     forward: ForwardDynamics<T>,
-    inverse: InverseDynamicsDerivatives<T>,
-    innovations: Innovations<T>,
+    sweeps: DerivativeSweeps<T::Arithmetic>,
+    innovations: Innovations<T::Arithmetic>,
     acceleration: Vec<T>,
 }
 
@@ -29,7 +29,7 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
     pub fn new(layout: &Layout<T::Constant>) -> Self {
         ForwardDynamicsDerivatives {
             forward: ForwardDynamics::new(layout),
-            inverse: InverseDynamicsDerivatives::new(layout),
+            sweeps: DerivativeSweeps::new(layout),
             innovations: Innovations::new(layout),
             acceleration: vec![T::zero(); layout.nv()],
         }
@@ -71,14 +71,23 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
         check_length("d_dtau", d_dtau, nv * nv)?;
         check_length("workspace", &self.acceleration, nv)?;
         self.forward.run(layout, q, v, tau, wrenches, &mut self.acceleration)?;
-        self.inverse.sweep_outboard(layout, q, v, &self.acceleration, wrenches);
-        self.inverse.sweep_inboard::<false>(layout, v, Matrices { d_dq, d_dv, d_da: None });
-        let inverse = &self.inverse;
-        self.innovations.update(layout, &self.forward.pivots, |k| inverse.pose(k));
-        self.innovations.negative_solve(layout, d_dq);
-        self.innovations.negative_solve(layout, d_dv);
-        self.innovations.inverse_mass_matrix(layout, d_dtau);
-        subtract_turning_rates(layout, v, d_dv);
+        let (forward, sweeps, innovations) = (&self.forward, &mut self.sweeps, &mut self.innovations);
+        let acceleration = T::arithmetic(&self.acceleration);
+        T::Arithmetic::dispatch(
+            #[inline(always)]
+            || {
+                let (q, v) = (T::arithmetic(q), T::arithmetic(v));
+                let (d_dq, d_dv) = (T::arithmetic_mut(d_dq), T::arithmetic_mut(d_dv));
+                sweeps.outboard(layout, q, v, acceleration);
+                sweeps.subtract_wrenches::<T>(layout, wrenches);
+                sweeps.inboard::<false>(layout, v, Matrices { d_dq, d_dv, d_da: None });
+                innovations.update(layout, |i| forward.pivot(i), |k| *sweeps.pose(k));
+                innovations.negative_solve(layout, d_dq);
+                innovations.negative_solve(layout, d_dv);
+                innovations.inverse_mass_matrix(layout, T::arithmetic_mut(d_dtau));
+                subtract_turning_rates(layout, v, d_dv);
+            },
+        );
         Ok(())
     }
     /// θ̈ of the last successful run.
@@ -91,7 +100,7 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
 #[inline(always)]
 fn subtract_turning_rates<T: Scalar>(layout: &Layout<T::Constant>, v: &[T], d_dv: &mut [T]) {
     let nv = layout.nv();
-    for body in &layout.bodies {
+    for body in layout.bodies() {
         if !matches!(body.hinge, Hinge::Planar | Hinge::Free) {
             continue;
         }

@@ -10,59 +10,64 @@
 //! subtracted in products with it that the filter does not subtract too: it keeps the digits that a Cholesky factor of M loses
 //! where heavy bodies hang on light ones.
 
-use crate::articulated_sweep::Pivot;
+use crate::articulated_sweep::{ArticulatedSweep, Pivot};
 use crate::error::DynamicsError;
 use crate::hinge::Hinge;
 use crate::inverse_dynamics_derivatives::subtree_ends;
 use crate::layout::{GROUND, Layout};
 use phipsi_spatial::{Scalar, Transform, Wrench};
 
+/// Columns of a matrix that are worked on at once.
+const WIDTH: usize = 8;
+
 /// L and D⁻¹ of one configuration.
 #[derive(Clone, Debug)]
-pub struct Innovations<T> {
+pub(crate) struct Innovations<T> {
+    /// For every body, one past the last degree of freedom outboard of it.
     ends: Vec<usize>,
-    /// L by rows. Only entries below the way to the base are ever written; the others stay zero.
+    /// L by rows. Only entries of joints outboard are ever written; the others stay zero.
     operator: Vec<T>,
     /// D⁻¹.
     inverse: Vec<T>,
     /// z of every column.
     gains: Vec<Wrench<T>>,
+    /// A few columns of a matrix.
+    columns: Vec<T>,
 }
 
 impl<T: Scalar> Innovations<T> {
     /// A workspace for a layout.
-    pub fn new(layout: &Layout<T::Constant>) -> Self {
+    pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
         let nv = layout.nv();
         Innovations {
             ends: subtree_ends(layout),
             operator: vec![T::zero(); nv * nv],
             inverse: vec![T::zero(); nv],
             gains: vec![Wrench::zero(); nv],
+            columns: vec![T::zero(); nv * WIDTH],
         }
     }
     /// Takes the pivots of an articulated sweep and the poses of the same configuration. Cost O(n · depth), no allocation.
     #[inline(always)]
-    pub(crate) fn update<'a>(
+    pub(crate) fn update(
         &mut self,
         layout: &Layout<T::Constant>,
-        pivots: &[Pivot<T>],
-        pose: impl Fn(usize) -> &'a Transform<T>,
+        pivot: impl Fn(usize) -> Pivot<T>,
+        pose: impl Fn(usize) -> Transform<T>,
     ) {
         let nv = layout.nv();
-        for (k, body) in layout.bodies.iter().enumerate().rev() {
+        for (k, body) in layout.bodies().iter().enumerate().rev() {
             let (first, inner, end) = (body.v, body.v + body.hinge.nv(), self.ends[k]);
             for i in first..inner {
-                let Pivot { column, inverse } = pivots[i];
+                let Pivot { column, inverse } = pivot(i);
                 self.inverse[i] = inverse;
-                self.operator[i * nv + i] = T::one();
+                let row = &mut self.operator[i * nv..(i + 1) * nv];
+                row[i] = T::one();
+                let gain = column.scale(inverse);
                 // Innovations of the axes before this one in the joint, then of the joints outboard.
-                let (before, outboard) = (first..i, inner..end);
-                for c in before.chain(outboard) {
-                    let innovation = -body.hinge.project(i - first, &self.gains[c]);
-                    self.operator[i * nv + c] = innovation;
-                    self.gains[c] += column.scale(innovation * inverse);
-                }
-                self.gains[i] = column.scale(inverse);
+                innovate(&body.hinge, i - first, gain, &mut row[first..i], &mut self.gains[first..i]);
+                innovate(&body.hinge, i - first, gain, &mut row[inner..end], &mut self.gains[inner..end]);
+                self.gains[i] = gain;
             }
             if matches!(body.hinge, Hinge::Free) {
                 // G = I: the joint passes its own force and nothing of what comes from outboard.
@@ -77,104 +82,119 @@ impl<T: Scalar> Innovations<T> {
             }
         }
     }
-    /// B ← −M⁻¹ B for a matrix of nv rows and nv columns whose entry (i, c) is zero unless i and c are on one way to the base.
+    /// B ← −M⁻¹ B for a matrix of nv rows and columns whose entry (i, c) is zero unless i and c are in one tree.
     #[inline(always)]
-    pub(crate) fn negative_solve(&self, layout: &Layout<T::Constant>, matrix: &mut [T]) {
-        let nv = layout.nv();
-        // Y = −D⁻¹ L B, from the base outward: a row takes rows that are not changed yet.
-        let mut tree = 0;
-        for (k, body) in layout.bodies.iter().enumerate() {
-            if body.parent == GROUND {
-                tree = body.v;
-            }
-            let (first, inner, end) = (body.v, body.v + body.hinge.nv(), self.ends[k]);
-            for i in (first..inner).rev() {
-                let (above, rest) = matrix.split_at_mut(i * nv);
-                let (row, below) = rest.split_at_mut(nv);
-                let row = &mut row[tree..end];
-                let weights = &self.operator[i * nv..(i + 1) * nv];
-                for c in first..i {
-                    add_scaled(row, weights[c], &above[c * nv + tree..c * nv + end]);
-                }
-                for c in inner..end {
-                    let from = (c - i - 1) * nv;
-                    add_scaled(row, weights[c], &below[from + tree..from + end]);
-                }
-                let scale = -self.inverse[i];
-                row.iter_mut().for_each(|x| *x *= scale);
-            }
+    pub(crate) fn negative_solve(&mut self, layout: &Layout<T::Constant>, matrix: &mut [T]) {
+        let (nv, mut at) = (layout.nv(), 0);
+        while at + WIDTH <= nv {
+            self.solve_columns::<WIDTH>(layout, matrix, at);
+            at += WIDTH;
         }
-        // L* Y, from the tips inward.
-        for (k, body) in layout.bodies.iter().enumerate().rev() {
-            let inner = body.v + body.hinge.nv();
-            for c in body.v..inner {
-                let (above, rest) = matrix.split_at_mut(c * nv);
-                let (row, below) = rest.split_at_mut(nv);
-                let (mut at, mut root) = (k, body.v);
-                while at != GROUND {
-                    root = layout.bodies[at].v;
-                    at = layout.bodies[at].parent;
-                }
-                for i in c + 1..inner {
-                    let from = (i - c - 1) * nv;
-                    let span = root..self.ends[k];
-                    add_scaled(
-                        &mut row[span.clone()],
-                        self.operator[i * nv + c],
-                        &below[from + span.start..from + span.end],
-                    );
-                }
-                let mut at = body.parent;
-                while at != GROUND {
-                    let up = &layout.bodies[at];
-                    let span = root..self.ends[at];
-                    for i in up.v..up.v + up.hinge.nv() {
-                        let from = &above[i * nv + span.start..i * nv + span.end];
-                        add_scaled(&mut row[span.clone()], self.operator[i * nv + c], from);
-                    }
-                    at = up.parent;
-                }
-            }
+        if at + 4 <= nv {
+            self.solve_columns::<4>(layout, matrix, at);
+            at += 4;
+        }
+        if at + 2 <= nv {
+            self.solve_columns::<2>(layout, matrix, at);
+            at += 2;
+        }
+        if at < nv {
+            self.solve_columns::<1>(layout, matrix, at);
         }
     }
-    /// M⁻¹, full and symmetric.
+    /// The same for `W` columns from column `at`.
+    #[inline(always)]
+    fn solve_columns<const W: usize>(&mut self, layout: &Layout<T::Constant>, matrix: &mut [T], at: usize) {
+        let nv = layout.nv();
+        let (columns, _) = self.columns.as_chunks_mut::<W>();
+        let columns = &mut columns[..nv];
+        for (column, row) in columns.iter_mut().zip(matrix.chunks_exact(nv)) {
+            column.copy_from_slice(&row[at..at + W]);
+        }
+        // Y = −D⁻¹ L B, from the base outward: a row takes rows that are not changed yet.
+        for (k, body) in layout.bodies().iter().enumerate() {
+            let (first, inner, end) = (body.v, body.v + body.hinge.nv(), self.ends[k]);
+            for i in (first..inner).rev() {
+                let weights = &self.operator[i * nv..(i + 1) * nv];
+                let mut sum = columns[i];
+                for (w, y) in weights[first..i].iter().zip(&columns[first..i]) {
+                    add_scaled(&mut sum, y, *w);
+                }
+                for (w, y) in weights[inner..end].iter().zip(&columns[inner..end]) {
+                    add_scaled(&mut sum, y, *w);
+                }
+                let scale = -self.inverse[i];
+                for (column, sum) in columns[i].iter_mut().zip(sum) {
+                    *column = sum * scale;
+                }
+            }
+        }
+        // L* Y, from the tips inward: a row is given to others before it changes itself.
+        for (k, body) in layout.bodies().iter().enumerate().rev() {
+            let (first, inner, end) = (body.v, body.v + body.hinge.nv(), self.ends[k]);
+            for i in first..inner {
+                let weights = &self.operator[i * nv..(i + 1) * nv];
+                let own = columns[i];
+                for (w, x) in weights[first..i].iter().zip(&mut columns[first..i]) {
+                    add_scaled(x, &own, *w);
+                }
+                for (w, x) in weights[inner..end].iter().zip(&mut columns[inner..end]) {
+                    add_scaled(x, &own, *w);
+                }
+            }
+        }
+        for (column, row) in columns.iter().zip(matrix.chunks_exact_mut(nv)) {
+            row[at..at + W].copy_from_slice(column);
+        }
+    }
+    /// M⁻¹ = Σ over rows of L of ℓ* D⁻¹ ℓ, full and symmetric.
     #[inline(always)]
     pub(crate) fn inverse_mass_matrix(&self, layout: &Layout<T::Constant>, out: &mut [T]) {
         let nv = layout.nv();
         out.fill(T::zero());
-        for (k, body) in layout.bodies.iter().enumerate() {
-            let inner = body.v + body.hinge.nv();
-            for c in body.v..inner {
-                // Right of the diagonal; L is zero where a row's joint is not outboard.
-                let row = &mut out[c * nv..(c + 1) * nv];
-                for i in c..inner {
-                    let weights = &self.operator[i * nv..(i + 1) * nv];
+        for (k, body) in layout.bodies().iter().enumerate() {
+            let (first, end) = (body.v, self.ends[k]);
+            for i in first..body.v + body.hinge.nv() {
+                let weights = &self.operator[i * nv..(i + 1) * nv];
+                for c in first..end {
+                    // Right of the diagonal; ℓ is zero at the axes that come after i in its joint.
                     let scale = weights[c] * self.inverse[i];
-                    add_scaled(&mut row[c..self.ends[k]], scale, &weights[c..self.ends[k]]);
-                }
-                let mut at = body.parent;
-                while at != GROUND {
-                    let up = &layout.bodies[at];
-                    for i in up.v..up.v + up.hinge.nv() {
-                        let weights = &self.operator[i * nv..(i + 1) * nv];
-                        let scale = weights[c] * self.inverse[i];
-                        add_scaled(&mut row[c..self.ends[at]], scale, &weights[c..self.ends[at]]);
+                    let row = &mut out[c * nv + c..c * nv + end];
+                    for (x, y) in row.iter_mut().zip(&weights[c..end]) {
+                        *x = y.fma(scale, *x);
                     }
-                    at = up.parent;
                 }
-                for x in c + 1..nv {
-                    out[x * nv + c] = out[c * nv + x];
-                }
+            }
+        }
+        for c in 0..nv {
+            for x in c + 1..nv {
+                out[x * nv + c] = out[c * nv + x];
             }
         }
     }
 }
 
-/// row += s · from.
+/// One row of L: ε = −H z for every column, and z⁺ = z + G ε.
 #[inline(always)]
-fn add_scaled<T: Scalar>(row: &mut [T], s: T, from: &[T]) {
-    for (x, y) in row.iter_mut().zip(from) {
-        *x = y.fma(s, *x);
+fn innovate<T: Scalar>(
+    hinge: &Hinge<T::Constant>,
+    i: usize,
+    gain: Wrench<T>,
+    row: &mut [T],
+    gains: &mut [Wrench<T>],
+) {
+    for (entry, z) in row.iter_mut().zip(gains) {
+        let innovation = -hinge.project(i, z);
+        *z += gain.scale(innovation);
+        *entry = innovation;
+    }
+}
+
+/// sum += w y.
+#[inline(always)]
+fn add_scaled<T: Scalar, const W: usize>(sum: &mut [T; W], y: &[T; W], w: T) {
+    for (sum, y) in sum.iter_mut().zip(y) {
+        *sum = y.fma(w, *sum);
     }
 }
 
@@ -186,8 +206,8 @@ pub fn innovations_operator<T: Scalar>(
     layout: &Layout<T::Constant>,
     q: &[T],
 ) -> Result<Vec<T>, DynamicsError> {
-    let sweep = crate::ArticulatedSweep::new(layout, q)?;
+    let sweep = ArticulatedSweep::new(layout, q)?;
     let mut innovations = Innovations::new(layout);
-    innovations.update(layout, &sweep.pivots, |k| &sweep.hinge[k]);
+    innovations.update(layout, |i| sweep.pivots[i], |k| sweep.hinge[k]);
     Ok(innovations.operator)
 }

@@ -90,46 +90,14 @@ struct Composite<T> {
 
 /// Workspace of the derivatives of inverse dynamics.
 #[derive(Clone, Debug)]
-pub struct InverseDynamicsDerivatives<T> {
-    /// For every body, one past the last degree of freedom outboard of it: with the layout's depth-first order, those of a
-    /// subtree are a range.
-    ends: Vec<usize>,
-    moving: Vec<Moving<T>>,
-    composite: Vec<Composite<T>>,
-    columns: Vec<Column<T>>,
-}
-
-/// Where the derivatives go: nv×nv matrices by rows.
-pub(crate) struct Matrices<'a, T> {
-    pub(crate) d_dq: &'a mut [T],
-    pub(crate) d_dv: &'a mut [T],
-    pub(crate) d_da: Option<&'a mut [T]>,
+pub struct InverseDynamicsDerivatives<T: Scalar> {
+    sweeps: DerivativeSweeps<T::Arithmetic>,
 }
 
 impl<T: Scalar> InverseDynamicsDerivatives<T> {
     /// A workspace for a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
-        let zero = Vec3::zero();
-        let moving = Moving {
-            pose: Transform::identity(),
-            omega: zero,
-            alpha: Motion::zero(),
-            carried_omega: zero,
-            carried_alpha: Motion::zero(),
-            drift: zero,
-        };
-        let composite = Composite {
-            inertia: RigidInertia::zero(),
-            moment: Mat3::zero(),
-            momentum: zero,
-            force: Wrench::zero(),
-        };
-        InverseDynamicsDerivatives {
-            ends: subtree_ends(layout),
-            moving: vec![moving; layout.len()],
-            composite: vec![composite; layout.len()],
-            columns: vec![Column::zero(); layout.nv()],
-        }
+        InverseDynamicsDerivatives { sweeps: DerivativeSweeps::new(layout) }
     }
     /// Derivatives of the generalised forces of (q, v, a) under wrenches that are constant in their bodies' axes.
     ///
@@ -169,27 +137,73 @@ impl<T: Scalar> InverseDynamicsDerivatives<T> {
         check_length("d_dq", d_dq, nv * nv)?;
         check_length("d_dv", d_dv, nv * nv)?;
         check_length("d_da", d_da, nv * nv)?;
-        check_length("workspace", &self.moving, layout.len())?;
+        check_length("workspace", &self.sweeps.moving, layout.len())?;
         if let Some(wrenches) = wrenches {
             check_length("wrenches", wrenches, layout.model_bodies())?;
         }
-        self.sweep_outboard(layout, q, v, a, wrenches);
-        self.sweep_inboard::<true>(layout, v, Matrices { d_dq, d_dv, d_da: Some(d_da) });
+        let sweeps = &mut self.sweeps;
+        T::Arithmetic::dispatch(
+            #[inline(always)]
+            || {
+                let v = T::arithmetic(v);
+                sweeps.outboard(layout, T::arithmetic(q), v, T::arithmetic(a));
+                sweeps.subtract_wrenches::<T>(layout, wrenches);
+                let (d_dq, d_dv) = (T::arithmetic_mut(d_dq), T::arithmetic_mut(d_dv));
+                let d_da = Some(T::arithmetic_mut(d_da));
+                sweeps.inboard::<true>(layout, v, Matrices { d_dq, d_dv, d_da });
+            },
+        );
         Ok(())
     }
+}
 
+/// Where the derivatives go: nv×nv matrices by rows.
+pub(crate) struct Matrices<'a, T> {
+    pub(crate) d_dq: &'a mut [T],
+    pub(crate) d_dv: &'a mut [T],
+    pub(crate) d_da: Option<&'a mut [T]>,
+}
+
+/// The two sweeps and what they need.
+#[derive(Clone, Debug)]
+pub(crate) struct DerivativeSweeps<T> {
+    /// For every body, one past the last degree of freedom outboard of it: with the model's depth-first order, those of a
+    /// subtree are a range.
+    ends: Vec<usize>,
+    moving: Vec<Moving<T>>,
+    composite: Vec<Composite<T>>,
+    columns: Vec<Column<T>>,
+}
+
+impl<T: Scalar> DerivativeSweeps<T> {
+    pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
+        let zero = Vec3::zero();
+        let moving = Moving {
+            pose: Transform::identity(),
+            omega: zero,
+            alpha: Motion::zero(),
+            carried_omega: zero,
+            carried_alpha: Motion::zero(),
+            drift: zero,
+        };
+        let composite = Composite {
+            inertia: RigidInertia::zero(),
+            moment: Mat3::zero(),
+            momentum: zero,
+            force: Wrench::zero(),
+        };
+        DerivativeSweeps {
+            ends: subtree_ends(layout),
+            moving: vec![moving; layout.len()],
+            composite: vec![composite; layout.len()],
+            columns: vec![Column::zero(); layout.nv()],
+        }
+    }
     /// Motions, and each body's own part of the composites.
     #[inline(always)]
-    pub(crate) fn sweep_outboard(
-        &mut self,
-        layout: &Layout<T::Constant>,
-        q: &[T],
-        v: &[T],
-        a: &[T],
-        wrenches: Option<&[Wrench<T>]>,
-    ) {
-        let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity));
-        for (k, body) in layout.bodies.iter().enumerate() {
+    pub(crate) fn outboard(&mut self, layout: &Layout<T::Constant>, q: &[T], v: &[T], a: &[T]) {
+        let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity()));
+        for (k, body) in layout.bodies().iter().enumerate() {
             let pose = body.pose(q);
             let joint = body.hinge.expand(&v[body.v..]);
             let (inboard, mut alpha) = match body.parent {
@@ -211,9 +225,18 @@ impl<T: Scalar> InverseDynamicsDerivatives<T> {
             self.moving[k] = Moving { pose, omega, alpha, carried_omega, carried_alpha, drift };
             self.composite[k] = Composite::of_body(&RigidInertia::constant(&body.inertia), omega, alpha);
         }
+    }
+    /// The external wrenches, taken from the forces of the bodies that carry them.
+    #[inline(always)]
+    pub(crate) fn subtract_wrenches<U: Scalar<Constant = T::Constant, Arithmetic = T>>(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        wrenches: Option<&[Wrench<U>]>,
+    ) {
         for (carrier, wrench) in layout.carriers().iter().zip(wrenches.unwrap_or_default()) {
             if carrier.body != GROUND {
-                let moved = Transform::constant(&carrier.pose).wrench_to_parent(*wrench);
+                let wrench = Wrench::from_array(wrench.to_array().map(U::to_arithmetic));
+                let moved = Transform::constant(&carrier.pose).wrench_to_parent(wrench);
                 self.composite[carrier.body].force -= moved;
             }
         }
@@ -222,7 +245,7 @@ impl<T: Scalar> InverseDynamicsDerivatives<T> {
     /// Composites and columns, from the tips to the base; every body meets the columns of all joints outboard of it. With
     /// `TURNING`, v̇ is the derivative of v; without, v̇ + c is the number that stays while v changes.
     #[inline(always)]
-    pub(crate) fn sweep_inboard<const TURNING: bool>(
+    pub(crate) fn inboard<const TURNING: bool>(
         &mut self,
         layout: &Layout<T::Constant>,
         v: &[T],
@@ -235,7 +258,7 @@ impl<T: Scalar> InverseDynamicsDerivatives<T> {
             d_da.fill(T::zero());
         }
         let nv = layout.nv();
-        for (k, body) in layout.bodies.iter().enumerate().rev() {
+        for (k, body) in layout.bodies().iter().enumerate().rev() {
             let (moving, composite) = (&self.moving[k], &self.composite[k]);
             let (first, inner, end) = (body.v, body.v + body.hinge.nv(), self.ends[k]);
             for i in first..inner {
@@ -293,7 +316,7 @@ impl<T: Scalar> InverseDynamicsDerivatives<T> {
             self.composite[body.parent].add(&moved);
         }
     }
-    /// Pose of every layout body in its parent, after [`sweep_outboard`](Self::sweep_outboard).
+    /// Pose of every layout body in its parent, after [`outboard`](Self::outboard).
     #[inline(always)]
     pub(crate) fn pose(&self, k: usize) -> &Transform<T> {
         &self.moving[k].pose

@@ -103,6 +103,7 @@ impl<T: Real> PartialOrd for Dual<T> {
 impl<T: Real> Scalar for Dual<T> {
     type Constant = Self;
     const LANES: usize = 1;
+    phipsi_spatial::arithmetic_is_self!();
     fn splat(x: f64) -> Self {
         Dual::fixed(T::splat(x))
     }
