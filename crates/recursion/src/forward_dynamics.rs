@@ -70,6 +70,23 @@ impl<T: Scalar> ForwardDynamics<T> {
         wrenches: Option<&[Wrench<T>]>,
         out: &mut [T],
     ) -> Result<(), DynamicsError> {
+        self.run_turning(layout, q, v, tau, wrenches, out)?;
+        for body in &layout.bodies {
+            let dofs = body.v..body.v + body.hinge.nv();
+            body.hinge.subtract_turning(&v[body.v..], &mut out[dofs]);
+        }
+        Ok(())
+    }
+    /// The same, but `out` gets θ̈ + c.
+    pub(crate) fn run_turning(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        q: &[T],
+        v: &[T],
+        tau: &[T],
+        wrenches: Option<&[Wrench<T>]>,
+        out: &mut [T],
+    ) -> Result<(), DynamicsError> {
         layout.check_tree()?;
         check_length("q", q, layout.nq())?;
         check_length("v", v, layout.nv())?;
@@ -83,7 +100,7 @@ impl<T: Scalar> ForwardDynamics<T> {
         layout.subtract_wrenches(wrenches, &mut self.bias);
         out.copy_from_slice(tau);
         self.sweep_inboard(layout, out)?;
-        self.sweep_outboard(layout, v, out);
+        self.sweep_outboard(layout, out);
         Ok(())
     }
 
@@ -135,16 +152,15 @@ impl<T: Scalar> ForwardDynamics<T> {
         Ok(())
     }
 
-    /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after.
+    /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ + c after.
     #[inline(always)]
-    fn sweep_outboard(&mut self, layout: &Layout<T::Constant>, v: &[T], residuals: &mut [T]) {
+    fn sweep_outboard(&mut self, layout: &Layout<T::Constant>, residuals: &mut [T]) {
         let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity));
         for (k, body) in layout.bodies.iter().enumerate() {
             let dofs = body.v..body.v + body.hinge.nv();
             let inboard = if body.parent == GROUND { ground } else { self.alpha[body.parent] };
             let mut alpha = self.hinge[k].motion_to_child(inboard);
-            smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
-            body.hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
+            smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs]);
             self.alpha[k] = alpha + self.coriolis[k];
         }
     }

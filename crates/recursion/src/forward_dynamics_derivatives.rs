@@ -70,7 +70,7 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
         check_length("d_dv", d_dv, nv * nv)?;
         check_length("d_dtau", d_dtau, nv * nv)?;
         check_length("workspace", &self.acceleration, nv)?;
-        self.forward.run(layout, q, v, tau, wrenches, &mut self.acceleration)?;
+        self.forward.run_turning(layout, q, v, tau, wrenches, &mut self.acceleration)?;
         let (forward, sweeps, innovations) = (&self.forward, &mut self.sweeps, &mut self.innovations);
         let acceleration = T::arithmetic(&self.acceleration);
         T::Arithmetic::dispatch(
@@ -78,7 +78,7 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
             || {
                 let (q, v) = (T::arithmetic(q), T::arithmetic(v));
                 let (d_dq, d_dv) = (T::arithmetic_mut(d_dq), T::arithmetic_mut(d_dv));
-                sweeps.outboard(layout, q, v, acceleration);
+                sweeps.outboard::<false>(layout, q, v, acceleration);
                 sweeps.subtract_wrenches::<T>(layout, wrenches);
                 sweeps.inboard::<false>(layout, v, Matrices { d_dq, d_dv, d_da: None });
                 innovations.update(layout, |i| forward.pivot(i), |k| *sweeps.pose(k));
@@ -88,6 +88,10 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
                 subtract_turning_rates(layout, v, d_dv);
             },
         );
+        for body in layout.bodies() {
+            let dofs = body.v..body.v + body.hinge.nv();
+            body.hinge.subtract_turning(&v[body.v..], &mut self.acceleration[dofs]);
+        }
         Ok(())
     }
     /// θ̈ of the last successful run.

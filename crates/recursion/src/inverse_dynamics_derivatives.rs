@@ -146,7 +146,7 @@ impl<T: Scalar> InverseDynamicsDerivatives<T> {
             #[inline(always)]
             || {
                 let v = T::arithmetic(v);
-                sweeps.outboard(layout, T::arithmetic(q), v, T::arithmetic(a));
+                sweeps.outboard::<true>(layout, T::arithmetic(q), v, T::arithmetic(a));
                 sweeps.subtract_wrenches::<T>(layout, wrenches);
                 let (d_dq, d_dv) = (T::arithmetic_mut(d_dq), T::arithmetic_mut(d_dv));
                 let d_da = Some(T::arithmetic_mut(d_da));
@@ -199,9 +199,15 @@ impl<T: Scalar> DerivativeSweeps<T> {
             columns: vec![Column::zero(); layout.nv()],
         }
     }
-    /// Motions, and each body's own part of the composites.
+    /// Motions, and each body's own part of the composites. With `TURNING`, `a` is v̇; without, v̇ + c.
     #[inline(always)]
-    pub(crate) fn outboard(&mut self, layout: &Layout<T::Constant>, q: &[T], v: &[T], a: &[T]) {
+    pub(crate) fn outboard<const TURNING: bool>(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        q: &[T],
+        v: &[T],
+        a: &[T],
+    ) {
         let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity()));
         for (k, body) in layout.bodies().iter().enumerate() {
             let pose = body.pose(q);
@@ -219,7 +225,10 @@ impl<T: Scalar> DerivativeSweeps<T> {
                 carried_omega.cross(joint.angular),
                 (carried_omega + carried_omega).cross(joint.linear),
             );
-            let own = body.hinge.expand(&a[body.v..]) + body.hinge.turning(&v[body.v..]);
+            let mut own = body.hinge.expand(&a[body.v..]);
+            if TURNING {
+                own += body.hinge.turning(&v[body.v..]);
+            }
             let alpha = carried_alpha + own + coriolis;
             let drift = (around + pose.rotation * joint.linear).scale(-T::splat(2.0));
             self.moving[k] = Moving { pose, omega, alpha, carried_omega, carried_alpha, drift };

@@ -3,7 +3,8 @@
 use allocation_counter::measure;
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{
-    ArticulatedSweep, ForwardDynamics, InverseDynamics, Kinematics, Layout, body_pose, body_velocity,
+    ArticulatedSweep, ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics,
+    InverseDynamicsDerivatives, Kinematics, Layout, body_pose, body_velocity,
 };
 use phipsi_reference::generate::case;
 
@@ -26,6 +27,10 @@ fn kernels_do_not_allocate() {
         let mut out = vec![0.0; case.model.nv()];
         let mut forward = ForwardDynamics::new(&layout);
         let mut inverse = InverseDynamics::new(&layout);
+        let mut inverse_derivatives = InverseDynamicsDerivatives::new(&layout);
+        let mut forward_derivatives = ForwardDynamicsDerivatives::new(&layout);
+        let square = vec![0.0; case.model.nv() * case.model.nv()];
+        let (mut d_dq, mut d_dv, mut d_last) = (square.clone(), square.clone(), square);
         let mut kinematics = Kinematics::new(&layout);
         let mut sweep = ArticulatedSweep::new(&layout, q).unwrap();
         let mut workspace = SolveWorkspace::new(&layout);
@@ -34,6 +39,14 @@ fn kernels_do_not_allocate() {
         });
         assert_none("inverse dynamics", seed, || {
             inverse.run(&layout, q, v, &case.a, wrenches, &mut out).unwrap();
+        });
+        assert_none("derivatives of inverse dynamics", seed, || {
+            let out = (&mut d_dq, &mut d_dv, &mut d_last);
+            inverse_derivatives.run(&layout, q, v, &case.a, wrenches, out.0, out.1, out.2).unwrap();
+        });
+        assert_none("derivatives of forward dynamics", seed, || {
+            let out = (&mut d_dq, &mut d_dv, &mut d_last);
+            forward_derivatives.run(&layout, q, v, &case.tau, wrenches, out.0, out.1, out.2).unwrap();
         });
         assert_none("factors", seed, || sweep.update(&layout, q).unwrap());
         assert_none("solve", seed, || sweep.solve_in_place(&layout, &mut out, &mut workspace));
