@@ -12,6 +12,7 @@ use crate::forward_dynamics::ForwardDynamics;
 use crate::hinge::Hinge;
 use crate::innovations::Innovations;
 use crate::inverse_dynamics_derivatives::{DerivativeSweeps, Matrices};
+use crate::kernel::kernel;
 use crate::layout::Layout;
 use phipsi_spatial::{Motion, Scalar, Wrench};
 
@@ -49,7 +50,8 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
     /// O(n · depth) and two products with L of O(nv · n · depth); no allocation.
     ///
     /// # Accuracy
-    /// n·ε·κ, but ε × mass ratio where a heavy body hangs on a light one, as in [`ForwardDynamics::run`].
+    /// n·ε·|M⁻¹| times the κ of the forces' derivatives, and ε × mass ratio where a heavy body hangs on a light one, as in
+    /// [`ForwardDynamics::run`].
     ///
     /// # Errors
     /// [`DynamicsError::Shape`], [`DynamicsError::Closure`]; [`DynamicsError::SingularHinge`] if a D is not positive.
@@ -70,33 +72,64 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
         check_length("d_dv", d_dv, nv * nv)?;
         check_length("d_dtau", d_dtau, nv * nv)?;
         check_length("workspace", &self.acceleration, nv)?;
-        self.forward.run_turning(layout, q, v, tau, wrenches, &mut self.acceleration)?;
-        let (forward, sweeps, innovations) = (&self.forward, &mut self.sweeps, &mut self.innovations);
-        let acceleration = T::arithmetic(&self.acceleration);
-        T::Arithmetic::dispatch(
-            #[inline(always)]
-            || {
-                let (q, v) = (T::arithmetic(q), T::arithmetic(v));
-                let (d_dq, d_dv) = (T::arithmetic_mut(d_dq), T::arithmetic_mut(d_dv));
-                sweeps.outboard::<false>(layout, q, v, acceleration);
-                sweeps.subtract_wrenches::<T>(layout, wrenches);
-                sweeps.inboard::<false>(layout, v, Matrices { d_dq, d_dv, d_da: None });
-                innovations.update(layout, |i| forward.pivot(i), |k| *sweeps.pose(k));
-                innovations.negative_solve(layout, d_dq);
-                innovations.negative_solve(layout, d_dv);
-                innovations.inverse_mass_matrix(layout, T::arithmetic_mut(d_dtau));
-                subtract_turning_rates(layout, v, d_dv);
-            },
-        );
-        for body in layout.bodies() {
-            let dofs = body.v..body.v + body.hinge.nv();
-            body.hinge.subtract_turning(&v[body.v..], &mut self.acceleration[dofs]);
-        }
+        self.forward.accelerate::<false>(layout, q, v, tau, wrenches, &mut self.acceleration)?;
+        self.sweeps.load(layout, wrenches);
+        let (v, d_dtau) = (T::arithmetic(v), T::arithmetic_mut(d_dtau));
+        let (d_dq, d_dv) = (T::arithmetic_mut(d_dq), T::arithmetic_mut(d_dv));
+        T::Arithmetic::dispatch(Derive { work: self, layout, v, d_dq, d_dv });
+        // Kernels of their own: smaller functions keep their sums in registers.
+        let innovations = &mut self.innovations;
+        T::Arithmetic::dispatch(Solve { innovations, layout, d_dq, d_dv });
+        T::Arithmetic::dispatch(Finish { work: self, layout, v, d_dv, d_dtau });
         Ok(())
     }
     /// θ̈ of the last successful run.
     pub fn acceleration(&self) -> &[T] {
         &self.acceleration
+    }
+}
+
+kernel! {
+    Derive<'a, T> {
+        work: &'a mut ForwardDynamicsDerivatives<T>,
+        layout: &'a Layout<T::Constant>,
+        v: &'a [T::Arithmetic],
+        d_dq: &'a mut [T::Arithmetic],
+        d_dv: &'a mut [T::Arithmetic],
+    } -> () {
+        let ForwardDynamicsDerivatives { forward, sweeps, innovations, acceleration } = work;
+        sweeps.outboard::<false>(layout, &forward.shifts, v, T::arithmetic(acceleration));
+        sweeps.inboard::<false>(layout, v, Matrices { d_dq, d_dv, d_da: None });
+        innovations.update(layout, &forward.pivots, &sweeps.poses);
+    }
+}
+
+kernel! {
+    Solve<'a, T> {
+        innovations: &'a mut Innovations<T>,
+        layout: &'a Layout<T::Constant>,
+        d_dq: &'a mut [T],
+        d_dv: &'a mut [T],
+    } -> () {
+        innovations.negative_solve(layout, d_dq, d_dv);
+    }
+}
+
+kernel! {
+    Finish<'a, T> {
+        work: &'a mut ForwardDynamicsDerivatives<T>,
+        layout: &'a Layout<T::Constant>,
+        v: &'a [T::Arithmetic],
+        d_dv: &'a mut [T::Arithmetic],
+        d_dtau: &'a mut [T::Arithmetic],
+    } -> () {
+        work.innovations.inverse_mass_matrix(layout, d_dtau);
+        subtract_turning_rates(layout, v, d_dv);
+        let acceleration = T::arithmetic_mut(&mut work.acceleration);
+        for body in layout.bodies() {
+            let dofs = body.v..body.v + body.hinge.nv();
+            body.hinge.subtract_turning(&v[body.v..], &mut acceleration[dofs]);
+        }
     }
 }
 

@@ -16,9 +16,25 @@ use crate::hinge::Hinge;
 use crate::inverse_dynamics_derivatives::subtree_ends;
 use crate::layout::{GROUND, Layout};
 use phipsi_spatial::{Scalar, Transform, Wrench};
+use std::ops::Range;
 
-/// Columns of a matrix that are worked on at once.
+/// Columns of each of two matrices that are worked on at once.
 const WIDTH: usize = 8;
+
+/// A row of them, in cache lines of its own.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+struct Row<T>([T; 2 * WIDTH]);
+
+impl<T: Scalar> Row<T> {
+    /// += w y.
+    #[inline(always)]
+    fn add_scaled(&mut self, y: &Self, w: T) {
+        for x in 0..2 * WIDTH {
+            self.0[x] = y.0[x].fma(w, self.0[x]);
+        }
+    }
+}
 
 /// L and D⁻¹ of one configuration.
 #[derive(Clone, Debug)]
@@ -27,24 +43,46 @@ pub(crate) struct Innovations<T> {
     ends: Vec<usize>,
     /// L by rows. Only entries of joints outboard are ever written; the others stay zero.
     operator: Vec<T>,
+    /// L*, below the diagonal of L only.
+    transposed: Vec<T>,
+    /// For every body, which of `runs` are the degrees of freedom on its parent's way to the base.
+    ways: Vec<Range<usize>>,
+    runs: Vec<Range<usize>>,
     /// D⁻¹.
     inverse: Vec<T>,
     /// z of every column.
     gains: Vec<Wrench<T>>,
-    /// A few columns of a matrix.
-    columns: Vec<T>,
+    /// A few columns of two matrices.
+    rows: Vec<Row<T>>,
 }
 
 impl<T: Scalar> Innovations<T> {
     /// A workspace for a layout.
     pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
         let nv = layout.nv();
+        let (mut ways, mut runs): (Vec<Range<usize>>, Vec<Range<usize>>) = (Vec::new(), Vec::new());
+        for body in layout.bodies() {
+            let start = runs.len();
+            if body.parent != GROUND {
+                let up = &layout.bodies()[body.parent];
+                let own = up.v..up.v + up.hinge.nv();
+                runs.extend_from_within(ways[body.parent].clone());
+                match runs[start..].last_mut() {
+                    Some(last) if last.end == own.start => last.end = own.end,
+                    _ => runs.push(own),
+                }
+            }
+            ways.push(start..runs.len());
+        }
         Innovations {
             ends: subtree_ends(layout),
+            transposed: vec![T::zero(); nv * nv],
+            ways,
+            runs,
             operator: vec![T::zero(); nv * nv],
             inverse: vec![T::zero(); nv],
             gains: vec![Wrench::zero(); nv],
-            columns: vec![T::zero(); nv * WIDTH],
+            rows: vec![Row([T::zero(); 2 * WIDTH]); nv],
         }
     }
     /// Takes the pivots of an articulated sweep and the poses of the same configuration. Cost O(n · depth), no allocation.
@@ -52,21 +90,23 @@ impl<T: Scalar> Innovations<T> {
     pub(crate) fn update(
         &mut self,
         layout: &Layout<T::Constant>,
-        pivot: impl Fn(usize) -> Pivot<T>,
-        pose: impl Fn(usize) -> Transform<T>,
+        pivots: &[Pivot<T>],
+        poses: &[Transform<T>],
     ) {
         let nv = layout.nv();
         for (k, body) in layout.bodies().iter().enumerate().rev() {
             let (first, inner, end) = (body.v, body.v + body.hinge.nv(), self.ends[k]);
             for i in first..inner {
-                let Pivot { column, inverse } = pivot(i);
+                let Pivot { gain, inverse } = pivots[i];
                 self.inverse[i] = inverse;
                 let row = &mut self.operator[i * nv..(i + 1) * nv];
                 row[i] = T::one();
-                let gain = column.scale(inverse);
                 // Innovations of the axes before this one in the joint, then of the joints outboard.
                 innovate(&body.hinge, i - first, gain, &mut row[first..i], &mut self.gains[first..i]);
                 innovate(&body.hinge, i - first, gain, &mut row[inner..end], &mut self.gains[inner..end]);
+                for c in (first..i).chain(inner..end) {
+                    self.transposed[c * nv + i] = row[c];
+                }
                 self.gains[i] = gain;
             }
             if matches!(body.hinge, Hinge::Free) {
@@ -75,76 +115,72 @@ impl<T: Scalar> Innovations<T> {
                 self.gains[inner..end].fill(Wrench::zero());
             }
             if body.parent != GROUND {
-                let pose = pose(k);
+                let pose = poses[k];
                 for gain in &mut self.gains[first..end] {
                     *gain = pose.wrench_to_parent(*gain);
                 }
             }
         }
     }
-    /// B ← −M⁻¹ B for a matrix of nv rows and columns whose entry (i, c) is zero unless i and c are in one tree.
+    /// B ← −M⁻¹ B for two matrices of nv rows and columns.
     #[inline(always)]
-    pub(crate) fn negative_solve(&mut self, layout: &Layout<T::Constant>, matrix: &mut [T]) {
-        let (nv, mut at) = (layout.nv(), 0);
-        while at + WIDTH <= nv {
-            self.solve_columns::<WIDTH>(layout, matrix, at);
-            at += WIDTH;
-        }
-        if at + 4 <= nv {
-            self.solve_columns::<4>(layout, matrix, at);
-            at += 4;
-        }
-        if at + 2 <= nv {
-            self.solve_columns::<2>(layout, matrix, at);
-            at += 2;
-        }
-        if at < nv {
-            self.solve_columns::<1>(layout, matrix, at);
+    pub(crate) fn negative_solve(&mut self, layout: &Layout<T::Constant>, first: &mut [T], second: &mut [T]) {
+        let nv = layout.nv();
+        let mut at = 0;
+        while at < nv {
+            let width = WIDTH.min(nv - at);
+            let sources = first.chunks_exact(nv).zip(second.chunks_exact(nv));
+            for (row, (a, b)) in self.rows.iter_mut().zip(sources) {
+                row.0[..width].copy_from_slice(&a[at..at + width]);
+                row.0[WIDTH..WIDTH + width].copy_from_slice(&b[at..at + width]);
+            }
+            self.solve_rows(layout);
+            let targets = first.chunks_exact_mut(nv).zip(second.chunks_exact_mut(nv));
+            for (row, (a, b)) in self.rows.iter().zip(targets) {
+                a[at..at + width].copy_from_slice(&row.0[..width]);
+                b[at..at + width].copy_from_slice(&row.0[WIDTH..WIDTH + width]);
+            }
+            at += width;
         }
     }
-    /// The same for `W` columns from column `at`.
     #[inline(always)]
-    fn solve_columns<const W: usize>(&mut self, layout: &Layout<T::Constant>, matrix: &mut [T], at: usize) {
+    fn solve_rows(&mut self, layout: &Layout<T::Constant>) {
         let nv = layout.nv();
-        let (columns, _) = self.columns.as_chunks_mut::<W>();
-        let columns = &mut columns[..nv];
-        for (column, row) in columns.iter_mut().zip(matrix.chunks_exact(nv)) {
-            column.copy_from_slice(&row[at..at + W]);
-        }
+        let rows = &mut self.rows[..nv];
         // Y = −D⁻¹ L B, from the base outward: a row takes rows that are not changed yet.
         for (k, body) in layout.bodies().iter().enumerate() {
             let (first, inner, end) = (body.v, body.v + body.hinge.nv(), self.ends[k]);
             for i in (first..inner).rev() {
                 let weights = &self.operator[i * nv..(i + 1) * nv];
-                let mut sum = columns[i];
-                for (w, y) in weights[first..i].iter().zip(&columns[first..i]) {
-                    add_scaled(&mut sum, y, *w);
+                let mut sum = rows[i];
+                for (w, y) in weights[first..i].iter().zip(&rows[first..i]) {
+                    sum.add_scaled(y, *w);
                 }
-                for (w, y) in weights[inner..end].iter().zip(&columns[inner..end]) {
-                    add_scaled(&mut sum, y, *w);
+                for (w, y) in weights[inner..end].iter().zip(&rows[inner..end]) {
+                    sum.add_scaled(y, *w);
                 }
                 let scale = -self.inverse[i];
-                for (column, sum) in columns[i].iter_mut().zip(sum) {
-                    *column = sum * scale;
+                for x in 0..2 * WIDTH {
+                    rows[i].0[x] = sum.0[x] * scale;
                 }
             }
         }
-        // L* Y, from the tips inward: a row is given to others before it changes itself.
+        // L* Y, from the tips inward: a row takes rows of the way to the base, which change later.
         for (k, body) in layout.bodies().iter().enumerate().rev() {
-            let (first, inner, end) = (body.v, body.v + body.hinge.nv(), self.ends[k]);
-            for i in first..inner {
-                let weights = &self.operator[i * nv..(i + 1) * nv];
-                let own = columns[i];
-                for (w, x) in weights[first..i].iter().zip(&mut columns[first..i]) {
-                    add_scaled(x, &own, *w);
+            let (first, inner) = (body.v, body.v + body.hinge.nv());
+            for c in first..inner {
+                let weights = &self.transposed[c * nv..(c + 1) * nv];
+                let mut sum = rows[c];
+                for (w, y) in weights[c + 1..inner].iter().zip(&rows[c + 1..inner]) {
+                    sum.add_scaled(y, *w);
                 }
-                for (w, x) in weights[inner..end].iter().zip(&mut columns[inner..end]) {
-                    add_scaled(x, &own, *w);
+                for run in &self.runs[self.ways[k].clone()] {
+                    for (w, y) in weights[run.clone()].iter().zip(&rows[run.clone()]) {
+                        sum.add_scaled(y, *w);
+                    }
                 }
+                rows[c] = sum;
             }
-        }
-        for (column, row) in columns.iter().zip(matrix.chunks_exact_mut(nv)) {
-            row[at..at + W].copy_from_slice(column);
         }
     }
     /// M⁻¹ = Σ over rows of L of ℓ* D⁻¹ ℓ, full and symmetric.
@@ -190,14 +226,6 @@ fn innovate<T: Scalar>(
     }
 }
 
-/// sum += w y.
-#[inline(always)]
-fn add_scaled<T: Scalar, const W: usize>(sum: &mut [T; W], y: &[T; W], w: T) {
-    for (sum, y) in sum.iter_mut().zip(y) {
-        *sum = y.fma(w, *sum);
-    }
-}
-
 /// L(q) by rows, nv×nv. `q`: nq. Cost O(n · depth) besides writing the zeros.
 ///
 /// # Errors
@@ -208,6 +236,8 @@ pub fn innovations_operator<T: Scalar>(
 ) -> Result<Vec<T>, DynamicsError> {
     let sweep = ArticulatedSweep::new(layout, q)?;
     let mut innovations = Innovations::new(layout);
-    innovations.update(layout, |i| sweep.pivots[i], |k| sweep.hinge[k]);
-    Ok(innovations.operator)
+    let bodies = layout.bodies().iter().enumerate();
+    let poses: Vec<_> = bodies.map(|(k, body)| sweep.shifts.at(k, body).pose()).collect();
+    innovations.update(layout, &sweep.pivots, &poses);
+    Ok(innovations.operator.into_iter().map(T::from_arithmetic).collect())
 }

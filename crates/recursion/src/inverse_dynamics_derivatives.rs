@@ -22,8 +22,10 @@
 
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
-use crate::layout::{GROUND, Layout, LayoutBody};
+use crate::kernel::kernel;
+use crate::layout::{GROUND, Layout, LayoutBody, Shifts};
 use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Sym3, Transform, Vec3, Wrench};
+use std::ops::Range;
 
 /// What one degree of freedom brings to the entries of its column.
 #[derive(Clone, Copy, Debug)]
@@ -38,31 +40,90 @@ struct AxisRates<T> {
     velocity: Motion<T>,
 }
 
-/// Changes of forces at unit changes of one degree of freedom c, moved inward from body to body.
+/// Changes of forces at unit changes of one degree of freedom c, moved inward from body to body. Four six-vectors side by side,
+/// so that one instruction works on all:
+///
+/// | | |
+/// |---|---|
+/// | 0 | R S, the force of an acceleration; also the weights with which rows of c see changes Ψ and Γ inboard |
+/// | 1 | force of a change of position |
+/// | 2 | force of a change of velocity |
+/// | 3 | −2B* S, the weights with which rows of c see angular changes of velocity inboard; its force is zero |
 #[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
 struct Column<T> {
-    /// R S: the force of an acceleration; also the weights with which rows of c see changes Ψ and Γ inboard.
-    inertia: Wrench<T>,
-    /// −2B* S: the weights with which rows of c see angular changes of velocity inboard.
-    gyroscopic: Vec3<T>,
-    /// Force of a change of position.
-    position: Wrench<T>,
-    /// Force of a change of velocity.
-    velocity: Wrench<T>,
+    moment: [[T; 4]; 3],
+    force: [[T; 4]; 3],
 }
 
 impl<T: Scalar> Column<T> {
     fn zero() -> Self {
-        let zero = Wrench::zero();
-        Column { inertia: zero, gyroscopic: Vec3::zero(), position: zero, velocity: zero }
+        Column { moment: [[T::zero(); 4]; 3], force: [[T::zero(); 4]; 3] }
+    }
+    #[inline(always)]
+    fn new(inertia: Wrench<T>, position: Wrench<T>, velocity: Wrench<T>, gyroscopic: Vec3<T>) -> Self {
+        let (mut moment, mut force) = ([[T::zero(); 4]; 3], [[T::zero(); 4]; 3]);
+        for i in 0..3 {
+            moment[i] = [inertia.moment.0[i], position.moment.0[i], velocity.moment.0[i], gyroscopic.0[i]];
+            force[i] = [inertia.force.0[i], position.force.0[i], velocity.force.0[i], T::zero()];
+        }
+        Column { moment, force }
+    }
+    /// The components along the i-th axis of a joint.
+    #[inline(always)]
+    fn along(&self, hinge: &Hinge<T::Constant>, i: usize) -> [T; 4] {
+        if let Hinge::Revolute = hinge {
+            return self.moment[2];
+        }
+        let component = hinge.components()[i];
+        let mut along = if component < 3 { self.moment[component] } else { self.force[component - 3] };
+        if let Hinge::Helical { pitch } = hinge {
+            for x in 0..4 {
+                along[x] = self.force[2][x].fma(T::constant(*pitch), along[x]);
+            }
+        }
+        along
+    }
+    /// A change Ψ or Γ inboard and its angular part ψ or s, as the row of c sees it.
+    #[inline(always)]
+    fn see(&self, change: Motion<T>, angular: Vec3<T>) -> T {
+        let (n, f) = (&self.moment, &self.force);
+        let ([a, b, c], [d, e, g], [x, y, z]) = (change.angular.0, change.linear.0, angular.0);
+        let first = n[0][0].fma(a, n[1][0].fma(b, n[2][0] * c));
+        let second = f[0][0].fma(d, f[1][0].fma(e, f[2][0] * g));
+        n[0][3].fma(x, n[1][3].fma(y, n[2][3].fma(z, first + second)))
+    }
+    /// Moved to the parent; `drift` is −2u.
+    #[inline(always)]
+    fn shifted(&self, pose: &Transform<T>, drift: Vec3<T>) -> Self {
+        let r = &pose.rotation.0;
+        let mut moved = Self::zero();
+        for (to, row) in moved.force.iter_mut().zip(r) {
+            for x in 0..4 {
+                to[x] = row[0].fma(self.force[0][x], row[1].fma(self.force[1][x], row[2] * self.force[2][x]));
+            }
+        }
+        let f = moved.force;
+        let t = pose.translation.0;
+        for i in 0..3 {
+            let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+            let (row, m) = (&r[i], &self.moment);
+            for x in 0..4 {
+                let lever = t[j].fma(f[k][x], -(t[k] * f[j][x]));
+                moved.moment[i][x] = row[0].fma(m[0][x], row[1].fma(m[1][x], row[2].fma(m[2][x], lever)));
+            }
+        }
+        let gyroscopic = drift.cross(Vec3([f[0][0], f[1][0], f[2][0]]));
+        for (to, x) in moved.moment.iter_mut().zip(gyroscopic.0) {
+            to[3] -= x;
+        }
+        moved
     }
 }
 
 /// Motion of one body: what the inward sweep needs of it.
 #[derive(Clone, Copy, Debug)]
 struct Moving<T> {
-    /// X.
-    pose: Transform<T>,
     /// ω.
     omega: Vec3<T>,
     /// α.
@@ -91,13 +152,14 @@ struct Composite<T> {
 /// Workspace of the derivatives of inverse dynamics.
 #[derive(Clone, Debug)]
 pub struct InverseDynamicsDerivatives<T: Scalar> {
+    shifts: Shifts<T::Arithmetic>,
     sweeps: DerivativeSweeps<T::Arithmetic>,
 }
 
 impl<T: Scalar> InverseDynamicsDerivatives<T> {
     /// A workspace for a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
-        InverseDynamicsDerivatives { sweeps: DerivativeSweeps::new(layout) }
+        InverseDynamicsDerivatives { shifts: Shifts::new(layout), sweeps: DerivativeSweeps::new(layout) }
     }
     /// Derivatives of the generalised forces of (q, v, a) under wrenches that are constant in their bodies' axes.
     ///
@@ -141,19 +203,36 @@ impl<T: Scalar> InverseDynamicsDerivatives<T> {
         if let Some(wrenches) = wrenches {
             check_length("wrenches", wrenches, layout.model_bodies())?;
         }
-        let sweeps = &mut self.sweeps;
-        T::Arithmetic::dispatch(
-            #[inline(always)]
-            || {
-                let v = T::arithmetic(v);
-                sweeps.outboard::<true>(layout, T::arithmetic(q), v, T::arithmetic(a));
-                sweeps.subtract_wrenches::<T>(layout, wrenches);
-                let (d_dq, d_dv) = (T::arithmetic_mut(d_dq), T::arithmetic_mut(d_dv));
-                let d_da = Some(T::arithmetic_mut(d_da));
-                sweeps.inboard::<true>(layout, v, Matrices { d_dq, d_dv, d_da });
-            },
-        );
+        self.sweeps.load(layout, wrenches);
+        let (q, v, a) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic(a));
+        let (d_dq, d_dv) = (T::arithmetic_mut(d_dq), T::arithmetic_mut(d_dv));
+        let out = Matrices { d_dq, d_dv, d_da: Some(T::arithmetic_mut(d_da)) };
+        T::Arithmetic::dispatch(Derive {
+            shifts: &mut self.shifts,
+            sweeps: &mut self.sweeps,
+            layout,
+            q,
+            v,
+            a,
+            out,
+        });
         Ok(())
+    }
+}
+
+kernel! {
+    Derive<'a, T> {
+        shifts: &'a mut Shifts<T>,
+        sweeps: &'a mut DerivativeSweeps<T>,
+        layout: &'a Layout<T::Constant>,
+        q: &'a [T],
+        v: &'a [T],
+        a: &'a [T],
+        out: Matrices<'a, T>,
+    } -> () {
+        shifts.set_all(layout, q);
+        sweeps.outboard::<true>(layout, shifts, v, a);
+        sweeps.inboard::<true>(layout, v, out);
     }
 }
 
@@ -170,16 +249,20 @@ pub(crate) struct DerivativeSweeps<T> {
     /// For every body, one past the last degree of freedom outboard of it: with the model's depth-first order, those of a
     /// subtree are a range.
     ends: Vec<usize>,
+    /// X of every body.
+    pub(crate) poses: Vec<Transform<T>>,
     moving: Vec<Moving<T>>,
     composite: Vec<Composite<T>>,
     columns: Vec<Column<T>>,
+    /// Minus the external wrenches, where there are any.
+    loads: Vec<Wrench<T>>,
+    loaded: bool,
 }
 
 impl<T: Scalar> DerivativeSweeps<T> {
     pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
         let zero = Vec3::zero();
         let moving = Moving {
-            pose: Transform::identity(),
             omega: zero,
             alpha: Motion::zero(),
             carried_omega: zero,
@@ -194,9 +277,12 @@ impl<T: Scalar> DerivativeSweeps<T> {
         };
         DerivativeSweeps {
             ends: subtree_ends(layout),
+            poses: vec![Transform::identity(); layout.len()],
             moving: vec![moving; layout.len()],
             composite: vec![composite; layout.len()],
             columns: vec![Column::zero(); layout.nv()],
+            loads: vec![Wrench::zero(); layout.len()],
+            loaded: false,
         }
     }
     /// Motions, and each body's own part of the composites. With `TURNING`, `a` is v̇; without, v̇ + c.
@@ -204,13 +290,13 @@ impl<T: Scalar> DerivativeSweeps<T> {
     pub(crate) fn outboard<const TURNING: bool>(
         &mut self,
         layout: &Layout<T::Constant>,
-        q: &[T],
+        shifts: &Shifts<T>,
         v: &[T],
         a: &[T],
     ) {
         let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity()));
         for (k, body) in layout.bodies().iter().enumerate() {
-            let pose = body.pose(q);
+            let pose = shifts.at(k, body).pose();
             let joint = body.hinge.expand(&v[body.v..]);
             let (inboard, mut alpha) = match body.parent {
                 GROUND => (Vec3::zero(), ground),
@@ -231,23 +317,24 @@ impl<T: Scalar> DerivativeSweeps<T> {
             }
             let alpha = carried_alpha + own + coriolis;
             let drift = (around + pose.rotation * joint.linear).scale(-T::splat(2.0));
-            self.moving[k] = Moving { pose, omega, alpha, carried_omega, carried_alpha, drift };
-            self.composite[k] = Composite::of_body(&RigidInertia::constant(&body.inertia), omega, alpha);
+            self.poses[k] = pose;
+            self.moving[k] = Moving { omega, alpha, carried_omega, carried_alpha, drift };
+            let mut composite = Composite::of_body(&RigidInertia::constant(&body.inertia), omega, alpha);
+            if self.loaded {
+                composite.force += self.loads[k];
+            }
+            self.composite[k] = composite;
         }
     }
-    /// The external wrenches, taken from the forces of the bodies that carry them.
-    #[inline(always)]
-    pub(crate) fn subtract_wrenches<U: Scalar<Constant = T::Constant, Arithmetic = T>>(
+    /// Takes the external wrenches.
+    pub(crate) fn load<U: Scalar<Constant = T::Constant, Arithmetic = T>>(
         &mut self,
         layout: &Layout<T::Constant>,
         wrenches: Option<&[Wrench<U>]>,
     ) {
-        for (carrier, wrench) in layout.carriers().iter().zip(wrenches.unwrap_or_default()) {
-            if carrier.body != GROUND {
-                let wrench = Wrench::from_array(wrench.to_array().map(U::to_arithmetic));
-                let moved = Transform::constant(&carrier.pose).wrench_to_parent(wrench);
-                self.composite[carrier.body].force -= moved;
-            }
+        self.loaded = wrenches.is_some();
+        if let Some(wrenches) = wrenches {
+            layout.gather_loads(wrenches, &mut self.loads);
         }
     }
 
@@ -271,37 +358,53 @@ impl<T: Scalar> DerivativeSweeps<T> {
             let (moving, composite) = (&self.moving[k], &self.composite[k]);
             let (first, inner, end) = (body.v, body.v + body.hinge.nv(), self.ends[k]);
             for i in first..inner {
-                let rates = axis_rates::<T, TURNING>(body, i - first, moving, &v[first..]);
-                self.columns[i] = composite.column(&rates);
-                // Rows and columns of this axis with the joints outboard.
-                for (c, column) in (inner..end).zip(&self.columns[inner..end]) {
-                    d_dq[c * nv + i] = rates.position.dot(column.inertia) + rates.psi.dot(column.gyroscopic);
-                    d_dv[c * nv + i] =
-                        rates.velocity.dot(column.inertia) + rates.axis.angular.dot(column.gyroscopic);
+                let rates;
+                if let Hinge::Revolute = body.hinge {
+                    (rates, self.columns[i]) = composite.revolute(moving);
+                } else {
+                    rates = axis_rates::<T, TURNING>(body, i - first, moving, &v[first..]);
+                    self.columns[i] = composite.column(&rates);
                 }
-                let row = i * nv + inner..i * nv + end;
-                project(&body.hinge, i - first, &self.columns[inner..end], &mut d_dq[row.clone()], |c| {
-                    &c.position
-                });
-                project(&body.hinge, i - first, &self.columns[inner..end], &mut d_dv[row.clone()], |c| {
-                    &c.velocity
-                });
+                // Row and column of this axis with the joints outboard.
+                let outboard = &self.columns[inner..end];
+                let (q, v) = (below(d_dq, nv, i, inner..end), below(d_dv, nv, i, inner..end));
+                if let Hinge::Revolute = body.hinge {
+                    meet(
+                        i,
+                        &rates,
+                        outboard,
+                        q,
+                        v,
+                        #[inline(always)]
+                        |c| c.moment[2],
+                    );
+                } else {
+                    meet(
+                        i,
+                        &rates,
+                        outboard,
+                        q,
+                        v,
+                        #[inline(always)]
+                        |c| c.along(&body.hinge, i - first),
+                    );
+                }
                 if let Some(d_da) = &mut d_da {
-                    project(&body.hinge, i - first, &self.columns[inner..end], &mut d_da[row], |c| {
-                        &c.inertia
-                    });
-                    for c in inner..end {
-                        d_da[c * nv + i] = d_da[i * nv + c];
+                    let (row, rows) = below(d_da, nv, i, inner..end);
+                    for ((x, row), column) in row.iter_mut().zip(rows).zip(&self.columns[inner..end]) {
+                        [*x, ..] = column.along(&body.hinge, i - first);
+                        row[i] = *x;
                     }
                 }
             }
             for i in first..inner {
-                let row = i * nv + first..i * nv + inner;
-                let own = &self.columns[first..inner];
-                project(&body.hinge, i - first, own, &mut d_dq[row.clone()], |c| &c.position);
-                project(&body.hinge, i - first, own, &mut d_dv[row.clone()], |c| &c.velocity);
-                if let Some(d_da) = &mut d_da {
-                    project(&body.hinge, i - first, own, &mut d_da[row], |c| &c.inertia);
+                for c in first..inner {
+                    let at = i * nv + c;
+                    let along = self.columns[c].along(&body.hinge, i - first);
+                    [_, d_dq[at], d_dv[at], _] = along;
+                    if let Some(d_da) = &mut d_da {
+                        d_da[at] = along[0];
+                    }
                 }
             }
             if body.parent == GROUND {
@@ -309,41 +412,58 @@ impl<T: Scalar> DerivativeSweeps<T> {
             }
             for i in first..inner {
                 // The force itself turns and moves with the axis, as the parent sees it.
-                self.columns[i].position += body.hinge.axis(i - first).cross_wrench(composite.force);
+                let turned = body.hinge.axis(i - first).cross_wrench(composite.force);
+                for j in 0..3 {
+                    self.columns[i].moment[j][1] += turned.moment.0[j];
+                    self.columns[i].force[j][1] += turned.force.0[j];
+                }
             }
-            let (pose, drift) = (moving.pose, moving.drift);
+            let (pose, drift) = (self.poses[k], moving.drift);
             for column in &mut self.columns[first..end] {
-                let inertia = pose.wrench_to_parent(column.inertia);
-                *column = Column {
-                    inertia,
-                    gyroscopic: pose.rotation * column.gyroscopic - drift.cross(inertia.force),
-                    position: pose.wrench_to_parent(column.position),
-                    velocity: pose.wrench_to_parent(column.velocity),
-                };
+                *column = column.shifted(&pose, drift);
+                apart();
             }
             let moved = composite.shifted(&pose, drift);
             self.composite[body.parent].add(&moved);
         }
     }
-    /// Pose of every layout body in its parent, after [`outboard`](Self::outboard).
-    #[inline(always)]
-    pub(crate) fn pose(&self, k: usize) -> &Transform<T> {
-        &self.moving[k].pose
+}
+
+/// Keeps a compiler from turning the columns of a loop into lanes, by gather and scatter: the four vectors of each are lanes.
+#[inline(always)]
+fn apart() {
+    core::hint::black_box(());
+}
+
+/// Entries of row and column i with the columns outboard; `along` gives a column's components along the axis.
+#[inline(always)]
+fn meet<'a, T: Scalar>(
+    i: usize,
+    rates: &AxisRates<T>,
+    outboard: &[Column<T>],
+    (row_q, rows_q): (&mut [T], impl Iterator<Item = &'a mut [T]>),
+    (row_v, rows_v): (&mut [T], impl Iterator<Item = &'a mut [T]>),
+    along: impl Fn(&Column<T>) -> [T; 4],
+) {
+    let entries = row_q.iter_mut().zip(row_v).zip(rows_q.zip(rows_v)).zip(outboard);
+    for (((q, v), (row_q, row_v)), column) in entries {
+        [_, *q, *v, _] = along(column);
+        row_q[i] = column.see(rates.position, rates.psi);
+        row_v[i] = column.see(rates.velocity, rates.axis.angular);
+        apart();
     }
 }
 
-/// out = the components along the i-th axis of one force of each column.
+/// Columns `range` of row i of a matrix with `nv` columns, and the rows `range`, all after row i.
 #[inline(always)]
-fn project<T: Scalar>(
-    hinge: &Hinge<T::Constant>,
+fn below<T>(
+    matrix: &mut [T],
+    nv: usize,
     i: usize,
-    columns: &[Column<T>],
-    out: &mut [T],
-    force: impl Fn(&Column<T>) -> &Wrench<T>,
-) {
-    for (out, column) in out.iter_mut().zip(columns) {
-        *out = hinge.project(i, force(column));
-    }
+    range: Range<usize>,
+) -> (&mut [T], impl Iterator<Item = &mut [T]>) {
+    let (upper, lower) = matrix[..range.end * nv].split_at_mut(range.start * nv);
+    (&mut upper[i * nv + range.start..i * nv + range.end], lower.chunks_exact_mut(nv))
 }
 
 /// For every body, one past the last degree of freedom outboard of it or its own.
@@ -409,12 +529,48 @@ impl<T: Scalar> Composite<T> {
     #[inline(always)]
     fn column(&self, rates: &AxisRates<T>) -> Column<T> {
         let (s, b) = (rates.axis.angular, rates.axis.linear);
-        Column {
-            inertia: self.inertia.momentum(rates.axis),
-            gyroscopic: self.moment.transpose_mul(s) + b.cross(self.momentum),
-            position: self.inertia.momentum(rates.position) + self.gyroscopic(rates.psi),
-            velocity: self.inertia.momentum(rates.velocity) + self.gyroscopic(s),
-        }
+        Column::new(
+            self.inertia.momentum(rates.axis),
+            self.inertia.momentum(rates.position) + self.gyroscopic(rates.psi),
+            self.inertia.momentum(rates.velocity) + self.gyroscopic(s),
+            self.moment.transpose_mul(s) + b.cross(self.momentum),
+        )
+    }
+    /// Rates and column of the hinge about z: those of the general formulas, without their zeros.
+    #[inline(always)]
+    fn revolute(&self, moving: &Moving<T>) -> (AxisRates<T>, Column<T>) {
+        let o = T::zero();
+        let ([x, y, z], w) = (moving.carried_omega.0, moving.carried_omega + moving.omega);
+        let ([a, b, _], [c, d, _]) = (moving.carried_alpha.angular.0, moving.carried_alpha.linear.0);
+        let (psi, gamma) = (Vec3([y, -x, o]), Vec3([w.0[1], -w.0[0], o]));
+        let position = Motion::new(Vec3([x.fma(z, b), y.fma(z, -a), -(x.fma(x, y * y))]), Vec3([d, -c, o]));
+        let (J, h, N, l) =
+            (&self.inertia.inertia, self.inertia.first_moment.0, &self.moment.0, self.momentum.0);
+        let across = |p: T, q: T, v: Vec3<T>| p.fma(v.0[0], q * v.0[1]);
+        let lever = |m: [T; 3], v: Vec3<T>| {
+            Vec3([-(m[2] * v.0[1]), m[2] * v.0[0], m[0].fma(v.0[1], -(m[1] * v.0[0]))])
+        };
+        let inertia = Wrench::new(J.column(2), Vec3([-h[1], h[0], o]));
+        let swing = Wrench::new(
+            Vec3([
+                across(N[0][0], N[0][1], psi),
+                across(N[1][0], N[1][1], psi),
+                across(N[2][0], N[2][1], psi),
+            ]),
+            lever(l, psi),
+        );
+        let velocity = Wrench::new(
+            Vec3([
+                N[0][2] + across(J.xx, J.xy, gamma),
+                N[1][2] + across(J.xy, J.yy, gamma),
+                N[2][2] + across(J.xz, J.yz, gamma),
+            ]),
+            Vec3([l[1], -l[0], o]) - lever(h, gamma),
+        );
+        let column =
+            Column::new(inertia, self.inertia.momentum(position) + swing, velocity, self.moment.row(2));
+        let velocity = Motion::new(gamma, Vec3::zero());
+        (AxisRates { axis: Motion::unit(2), psi, position, velocity }, column)
     }
     /// Moved to the parent's origin and its frame of reference; `drift` is −2u.
     #[inline(always)]

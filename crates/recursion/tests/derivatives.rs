@@ -90,11 +90,31 @@ fn inverse_floors(case: &Case, size: &mut [f64], part: f64, epsilon: f64) {
     }
 }
 
+/// −M⁻¹ ∂T: the forces' derivatives round by their own κ, which M⁻¹ carries to the accelerations, also where it cancels what
+/// a joint with all six degrees of freedom keeps from its parent.
+fn through_inverse(case: &Case, size: &mut [f64]) {
+    let nv = case.model.nv();
+    let (q, v, tau) = (widened(&case.q), widened(&case.v), widened(&case.tau));
+    let a = slow::forward_dynamics(&case.model, &q, &v, &tau, Some(&wide_wrenches(case)));
+    let a = a.expect("generated trees are regular").iter().map(|x| x.hi).collect();
+    let moving = Case { a, ..case.clone() };
+    let (_, mut forces) = sensitivity(&moving, SAMPLES, 0, slow_inverse);
+    inverse_floors(&moving, &mut forces, PART, f64::EPSILON);
+    let inverse = slow::mass_matrix_inverse(&case.model, &q).expect("generated trees are regular");
+    for (matrix, forces) in size.chunks_exact_mut(nv * nv).zip(forces.chunks_exact(nv * nv)) {
+        for (ij, x) in matrix.iter_mut().enumerate() {
+            let terms = (0..nv).map(|k| inverse[(ij / nv, k)].hi.abs() * forces[k * nv + ij % nv]);
+            *x = x.max(terms.sum());
+        }
+    }
+}
+
 /// The same for forward dynamics: rows are accelerations.
 fn forward_floors(case: &Case, size: &mut [f64], part: f64, epsilon: f64) {
     let (force, acceleration) = units(case);
     let n = force.len() * force.len();
     let rest = reference(case, epsilon);
+    through_inverse(case, &mut size[..2 * n]);
     floor(&mut size[..n], &acceleration, &force, part, rest);
     floor(&mut size[n..2 * n], &acceleration, &force, part, rest);
     floor(&mut size[2 * n..], &acceleration, &acceleration, part, rest);

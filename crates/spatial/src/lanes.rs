@@ -16,8 +16,8 @@
 // The one place with unsafe code: intrinsics, and one view of f64 as Fused.
 #![allow(unsafe_code)]
 
-use crate::Scalar;
 use crate::sin_cos::{Quadrants, sin_cos};
+use crate::{Kernel, Scalar};
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use num_traits::{One, Zero};
 use std::sync::OnceLock;
@@ -223,13 +223,17 @@ impl Scalar for Fused {
         self.0
     }
     #[inline(always)]
-    fn dispatch<R>(f: impl FnOnce() -> R) -> R {
+    fn dispatch<K: Kernel>(kernel: K) -> K::Output {
+        // AVX-512 has twice the registers, also for one number.
         #[cfg(target_arch = "x86_64")]
-        if Level::Avx2.is_available() {
+        if Level::best() == Level::Avx512 {
+            // SAFETY: the processor has AVX-512.
+            return unsafe { x86::with_avx512(kernel) };
+        } else if Level::Avx2.is_available() {
             // SAFETY: the processor has AVX2 and FMA.
-            return unsafe { x86::with_fma(f) };
+            return unsafe { x86::with_fma(kernel) };
         }
-        f()
+        kernel.run()
     }
 }
 
@@ -254,8 +258,10 @@ impl Quadrants for Fused {
     }
     #[inline(always)]
     fn within(self, limit: f64) -> bool {
-        self.0.abs() <= limit
+        self.0.abs() < limit
     }
+    #[cold]
+    #[inline(never)]
     fn by_library(self, _: f64, _: Self, _: Self) -> (Self, Self) {
         let (s, c) = self.0.sin_cos();
         (Fused(s), Fused(c))

@@ -44,11 +44,10 @@ pub trait Scalar:
     fn arithmetic(x: &[Self]) -> &[Self::Arithmetic];
     /// The same numbers, to compute with.
     fn arithmetic_mut(x: &mut [Self]) -> &mut [Self::Arithmetic];
-    /// Runs a kernel compiled for the instructions that this scalar's operations need. Everything that `f` calls must be
-    /// inlined into it.
+    /// Runs a kernel compiled for the instructions that this scalar's operations need.
     #[inline(always)]
-    fn dispatch<R>(f: impl FnOnce() -> R) -> R {
-        f()
+    fn dispatch<K: Kernel>(kernel: K) -> K::Output {
+        kernel.run()
     }
     /// The same f64 in every lane, exactly.
     fn splat(x: f64) -> Self;
@@ -66,6 +65,16 @@ pub trait Scalar:
     fn is_positive(self) -> bool;
     /// The smallest lane, rounded to f64: what an error message prints.
     fn min_lane(self) -> f64;
+}
+
+/// A calculation to be compiled for the instructions of its scalar. `run` and everything that it calls down to the scalar's
+/// operators must be `#[inline(always)]`: a function left out of line is compiled without them, right but many times slower.
+/// (A closure would do in place of a type, but cannot be made to inline.)
+pub trait Kernel {
+    /// What it returns.
+    type Output;
+    /// The calculation.
+    fn run(self) -> Self::Output;
 }
 
 /// Inside an implementation of [`Scalar`]: kernels compute with the type itself.

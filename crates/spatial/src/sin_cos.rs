@@ -24,7 +24,7 @@ const SINE: [f64; 6] = [
     -1.984_126_982_985_795e-4,
     2.755_731_370_707_006_8e-6,
     -2.505_076_025_340_686_3e-8,
-    1.589_690_995_211_550_1e-10,
+    1.589_690_995_211_55e-10,
 ];
 
 /// Coefficients of r⁴, r⁶, … of the cosine.
@@ -41,7 +41,7 @@ const COSINE: [f64; 6] = [
 pub(crate) trait Quadrants: Scalar {
     /// Chooses, by the integer n in the last bits of `n + SHIFT`, (sin, cos) of r + n π/2 from those of r.
     fn turn(shifted: Self, sin: Self, cos: Self) -> (Self, Self);
-    /// True if every lane is at most `limit` in size; false for NaN.
+    /// True if every lane is below `limit` in size; false for NaN.
     fn within(self, limit: f64) -> bool;
     /// Sine and cosine by the standard library, lane by lane, where a lane is beyond `limit`; elsewhere those given.
     fn by_library(self, limit: f64, sin: Self, cos: Self) -> (Self, Self);
@@ -49,7 +49,8 @@ pub(crate) trait Quadrants: Scalar {
 
 #[inline(always)]
 fn polynomial<T: Scalar>(z: T, coefficients: &[f64; 6]) -> T {
-    let c = coefficients.map(T::splat);
+    let [c0, c1, c2, c3, c4, c5] = coefficients;
+    let c = [T::splat(*c0), T::splat(*c1), T::splat(*c2), T::splat(*c3), T::splat(*c4), T::splat(*c5)];
     // Two halves side by side: half the latency of Horner's rule.
     let z2 = z * z;
     let (low, high) = (c[1].fma(z, c[0]), c[3].fma(z, c[2]));
@@ -60,7 +61,7 @@ fn polynomial<T: Scalar>(z: T, coefficients: &[f64; 6]) -> T {
 pub(crate) fn sin_cos<T: Quadrants>(x: T) -> (T, T) {
     let shifted = x.fma(T::splat(std::f64::consts::FRAC_2_PI), T::splat(SHIFT));
     let n = shifted - T::splat(SHIFT);
-    let [first, second, third] = HALF_PI.map(T::splat);
+    let [first, second, third] = [T::splat(HALF_PI[0]), T::splat(HALF_PI[1]), T::splat(HALF_PI[2])];
     let exact = n.fma(-first, x);
     let product = n * second;
     let r = exact - product;

@@ -15,6 +15,16 @@ fn arguments() -> Vec<f64> {
     all
 }
 
+/// A kernel of few operations, which needs no help to inline.
+struct Small<F>(F);
+impl<R, F: FnOnce() -> R> Kernel for Small<F> {
+    type Output = R;
+    #[inline(always)]
+    fn run(self) -> R {
+        (self.0)()
+    }
+}
+
 struct SinCos(Vec<f64>);
 impl Visitor for SinCos {
     type Output = Vec<(f64, f64)>;
@@ -22,7 +32,7 @@ impl Visitor for SinCos {
         let mut out = Vec::new();
         for pack in self.0.chunks(T::LANES) {
             let x = T::from_lanes(|i| pack[i.min(pack.len() - 1)]);
-            let (s, c) = T::dispatch(|| x.sin_cos());
+            let (s, c) = T::dispatch(Small(|| x.sin_cos()));
             out.extend((0..pack.len()).map(|i| (s.lane(i), c.lane(i))));
         }
         out
@@ -74,14 +84,14 @@ impl Visitor for Operations {
             for half in pack.chunks(T::LANES) {
                 let at = |shift: usize| T::from_lanes(|i| half[i % half.len()] + shift as f64 * 0.37);
                 let (a, b, c) = (at(0), at(1), at(2));
-                let results = T::dispatch(|| {
+                let results = T::dispatch(Small(|| {
                     let (mut d, mut e, mut f, mut g) = (a, a, a, a);
                     d += b;
                     e -= b;
                     f *= b;
                     g /= b;
                     [a + b, a - b, a * b, a / b, -a, a.fma(b, c), c.recip(), c.sqrt(), d, e, f, g]
-                });
+                }));
                 assert_eq!(c.is_positive(), (0..T::LANES).all(|i| c.lane(i) > 0.0 && c.lane(i).is_finite()));
                 for i in 0..T::LANES {
                     out.extend(results.iter().map(|r| r.lane(i)).map(f64::to_bits));

@@ -3,22 +3,22 @@
 use super::*;
 use core::arch::x86_64::*;
 
-/// Runs `f` compiled for AVX2 and FMA.
+/// Runs a kernel compiled for AVX2 and FMA.
 ///
 /// # Safety
 /// The processor has both.
 #[target_feature(enable = "avx2,fma")]
-pub(super) unsafe fn with_fma<R>(f: impl FnOnce() -> R) -> R {
-    f()
+pub(super) unsafe fn with_fma<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run()
 }
 
-/// Runs `f` compiled for AVX-512F.
+/// Runs a kernel compiled for AVX-512F.
 ///
 /// # Safety
 /// The processor has it, and AVX2 and FMA.
 #[target_feature(enable = "avx512f,avx2,fma")]
-unsafe fn with_avx512<R>(f: impl FnOnce() -> R) -> R {
-    f()
+pub(super) unsafe fn with_avx512<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run()
 }
 
 /// Four states.
@@ -35,7 +35,7 @@ macro_rules! lanes {
     (
         $t:ident, $n:literal, $with:ident, $set:ident, $load:ident, $store:ident,
         $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident, $sqrt:ident,
-        negate: $negate:expr, turn: $turn:expr
+        negate: $negate:expr, all: $all:expr, size: $size:expr, turn: $turn:expr
     ) => {
         // SAFETY of this macro: a value of the type exists only after the processor was asked (see the module above).
         impl Add for $t {
@@ -121,14 +121,14 @@ macro_rules! lanes {
             }
             #[inline(always)]
             fn is_positive(self) -> bool {
-                self.to_array().iter().fold(true, |all, &x| all & (x > 0.0) & (x < f64::INFINITY))
+                unsafe { $all(self.0, $set(0.0), $set(f64::INFINITY)) }
             }
             fn min_lane(self) -> f64 {
                 self.to_array().into_iter().fold(f64::INFINITY, f64::min)
             }
             #[inline(always)]
-            fn dispatch<R>(f: impl FnOnce() -> R) -> R {
-                unsafe { $with(f) }
+            fn dispatch<K: Kernel>(kernel: K) -> K::Output {
+                unsafe { $with(kernel) }
             }
         }
         impl Lanes for $t {
@@ -149,7 +149,7 @@ macro_rules! lanes {
             }
             #[inline(always)]
             fn within(self, limit: f64) -> bool {
-                self.to_array().iter().fold(true, |all, x| all & (x.abs() <= limit))
+                unsafe { $all($size(self.0), $set(-1.0), $set(limit)) }
             }
             #[cold]
             #[inline(never)]
@@ -157,7 +157,7 @@ macro_rules! lanes {
                 let (x, mut s, mut c) = (self.to_array(), sin.to_array(), cos.to_array());
                 for i in 0..$n {
                     // Written so that NaN, too, asks the library.
-                    if !matches!(x[i].abs().partial_cmp(&limit), Some(o) if o.is_le()) {
+                    if !matches!(x[i].abs().partial_cmp(&limit), Some(o) if o.is_lt()) {
                         (s[i], c[i]) = x[i].sin_cos();
                     }
                 }
@@ -171,6 +171,11 @@ lanes!(
     F64x4, 4, with_fma, _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd,
     _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd, _mm256_fmadd_pd, _mm256_sqrt_pd,
     negate: |x| _mm256_xor_pd(x, _mm256_set1_pd(-0.0)),
+    all: |x, low, high| {
+        let above = _mm256_cmp_pd::<_CMP_GT_OQ>(x, low);
+        _mm256_movemask_pd(_mm256_and_pd(above, _mm256_cmp_pd::<_CMP_LT_OQ>(x, high))) == 0xf
+    },
+    size: |x| _mm256_andnot_pd(_mm256_set1_pd(-0.0), x),
     turn: |shifted, s, c| {
         let n = _mm256_castpd_si256(shifted);
         let odd = _mm256_castsi256_pd(_mm256_slli_epi64::<63>(n));
@@ -190,6 +195,11 @@ lanes!(
     F64x8, 8, with_avx512, _mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd,
     _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd, _mm512_div_pd, _mm512_fmadd_pd, _mm512_sqrt_pd,
     negate: |x| flip(x, _mm512_castpd_si512(_mm512_set1_pd(-0.0))),
+    all: |x, low, high| {
+        let above = _mm512_cmp_pd_mask::<_CMP_GT_OQ>(x, low);
+        above & _mm512_cmp_pd_mask::<_CMP_LT_OQ>(x, high) == 0xff
+    },
+    size: |x| _mm512_abs_pd(x),
     turn: |shifted, s, c| {
         let n = _mm512_castpd_si512(shifted);
         let odd = _mm512_test_epi64_mask(n, _mm512_set1_epi64(1));
