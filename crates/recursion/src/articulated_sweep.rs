@@ -16,7 +16,7 @@ use crate::error::{DynamicsError, check_length};
 use crate::hinge::{Hinge, each_component};
 use crate::kernel::kernel;
 use crate::layout::{GROUND, Layout, LayoutBody, Passage, Shifts};
-use phipsi_spatial::{ArticulatedInertia, EliminatedInertia, Motion, RigidInertia, Scalar, Vec3, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Motion, RigidInertia, Scalar, Vec3, Wrench};
 
 /// One eliminated degree of freedom.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -95,29 +95,19 @@ pub(crate) fn with_own<T: Scalar>(
     }
 }
 
-/// The hinge about z: U is a column of P, and the row and column of P⁺ that vanish are not computed.
+/// The pivot of a hinge about z: U is a column of P.
 #[inline(always)]
-pub(crate) fn eliminate_revolute<T: Scalar>(
-    P: &ArticulatedInertia<T>,
-    pivot: &mut Pivot<T>,
-) -> Result<EliminatedInertia<T>, Singular> {
-    let (J, C) = (&P.inertia, &P.coupling.0);
-    let D = J.zz;
+pub(crate) fn revolute_pivot<T: Scalar>(P: &ArticulatedInertia<T>) -> Result<Pivot<T>, Singular> {
+    let D = P.inertia.zz;
     if !D.is_positive() {
         return Err((0, D.min_lane()));
     }
     let inverse = D.recip();
-    let (ux, uy, force) = (J.xz, J.yz, Vec3(C[2]));
-    let (gx, gy, g) = (ux * inverse, uy * inverse, force.scale(inverse));
-    let mut mass = P.mass;
-    mass.add_product(-g, force);
-    let row = |g: T, row: [T; 3]| force.scale_add(-g, Vec3(row)).0;
-    *pivot = Pivot { gain: Wrench::new(Vec3([gx, gy, T::one()]), g), inverse };
-    Ok(EliminatedInertia {
-        inertia: [(-gx).fma(ux, J.xx), (-gx).fma(uy, J.xy), (-gy).fma(uy, J.yy)],
-        coupling: [row(gx, C[0]), row(gy, C[1])],
-        mass,
-    })
+    let gain = Wrench::new(
+        Vec3([P.inertia.xz * inverse, P.inertia.yz * inverse, T::one()]),
+        Vec3(P.coupling.0[2]).scale(inverse),
+    );
+    Ok(Pivot { gain, inverse })
 }
 
 /// Filter step at one joint: ε = T − H z, ν = D⁻¹ ε, z⁺ = z + G ε. `residuals` holds T before and ν after.
@@ -367,11 +357,11 @@ kernel! {
         for (k, body) in layout.bodies.iter().enumerate().rev() {
             let P = with_own(body, sweep.pending.gather(body, &hand, |a, b| a + b));
             if let Hinge::Revolute = body.hinge {
-                let P = eliminate_revolute(&P, &mut sweep.pivots[body.v])
-                    .map_err(|(i, D)| layout.singular(body.v + i, D))?;
+                let pivot = revolute_pivot(&P).map_err(|(i, D)| layout.singular(body.v + i, D))?;
+                sweep.pivots[body.v] = pivot;
                 if body.parent != GROUND {
-                    let shift = body.link.hinged(sweep.shifts.turn(k));
-                    sweep.pending.give(k, body, &mut hand, body.link.eliminated_to_parent(&shift, &P));
+                    let moved = body.link.eliminated_to_parent(sweep.shifts.turn(k), &P, &pivot.gain);
+                    sweep.pending.give(k, body, &mut hand, moved);
                 }
                 continue;
             }

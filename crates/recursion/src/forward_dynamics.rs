@@ -11,7 +11,7 @@
 //! | α, α⁺ | acceleration of the body, and of its inboard side φ*α(p); α(ground) = (0, −g) | paper 1 (9.12)–(9.14) |
 
 use crate::articulated_sweep::{
-    Pending, Pivot, eliminate, eliminate_revolute, filter, filter_revolute, smooth, smooth_revolute, with_own,
+    Pending, Pivot, eliminate, filter, filter_revolute, revolute_pivot, smooth, smooth_revolute, with_own,
 };
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
@@ -181,13 +181,14 @@ impl<T: Scalar> ForwardDynamics<T> {
                 if body.parent != GROUND {
                     z += revolute_coriolis_force(&P, coriolis);
                 }
-                let pivot = &mut self.pivots[body.v];
-                let P = eliminate_revolute(&P, pivot).map_err(|(i, D)| layout.singular(body.v + i, D))?;
-                residuals[body.v] = filter_revolute(pivot, &mut z, residuals[body.v]);
+                let pivot = revolute_pivot(&P).map_err(|(i, D)| layout.singular(body.v + i, D))?;
+                self.pivots[body.v] = pivot;
+                residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
                 if body.parent != GROUND {
-                    let shift = body.link.hinged(self.shifts.turn(k));
-                    let moved = body.link.eliminated_to_parent(&shift, &P);
-                    self.pending.give(k, body, &mut hand, (moved, body.link.wrench_to_parent(&shift, z)));
+                    let turn = self.shifts.turn(k);
+                    let moved = body.link.eliminated_to_parent(turn, &P, &pivot.gain);
+                    let z = body.link.wrench_to_parent(&body.link.hinged(turn), z);
+                    self.pending.give(k, body, &mut hand, (moved, z));
                 }
                 continue;
             }

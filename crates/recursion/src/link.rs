@@ -10,9 +10,10 @@
 //! α = ±90°, which cost nothing. Ball and free joints pass through a general rotation.
 
 use crate::hinge::Hinge;
+use phipsi_spatial::turn::{shift_coupling, shift_inertia};
 use phipsi_spatial::{
-    ArticulatedInertia, Axis, EliminatedInertia, Mat3, Motion, Quaternion, Real, RigidInertia, Scalar, Sym3,
-    Transform, Turn, Vec3, Wrench,
+    ArticulatedInertia, Axis, Mat3, Motion, Quaternion, Real, RigidInertia, Scalar, Sym3, Transform, Turn,
+    Vec3, Wrench,
 };
 
 /// Angles that cost less than others.
@@ -277,21 +278,53 @@ impl<C: Real> Link<C> {
         };
         self.first_articulated(twisted.shifted(shift.offset))
     }
-    /// The same after a hinge about z has been eliminated.
+    /// φ(p, k) (P − G H P) φ*(p, k) for a hinge about z, whose column of P is U and gain G = (gx, gy, 1, g).
+    ///
+    /// Block after block, mass first, so that few numbers are in use at once.
     #[inline(always)]
     pub(crate) fn eliminated_to_parent<T: Scalar<Constant = C>>(
         &self,
-        shift: &Shift<T>,
-        P: &EliminatedInertia<T>,
+        turn: Turn<T>,
+        P: &ArticulatedInertia<T>,
+        gain: &Wrench<T>,
     ) -> ArticulatedInertia<T> {
-        let turned = P.turned(shift.turn);
-        let twisted = match self.shape {
-            Twist::Straight => turned.to_articulated(),
-            Twist::Quarter => quarter(&turned.to_articulated()),
-            Twist::BackQuarter => back_quarter(&turned.to_articulated()),
-            Twist::Oblique => turned.twisted(Turn::constant(&self.twist)),
+        let (J, C) = (&P.inertia, &P.coupling.0);
+        let (ux, uy, force) = (J.xz, J.yz, Vec3(C[2]));
+        let ([gx, gy, _], g) = (gain.moment.0, gain.force);
+        let offset = Vec3::constant(self.offset);
+        let mut mass = P.mass;
+        mass.add_product(-g, force);
+        let mass = self.twist_symmetric(&turn.symmetric_up(Axis::Z, &mass));
+        let rows = [force.scale_add(-gx, Vec3(C[0])).0, force.scale_add(-gy, Vec3(C[1])).0];
+        let rows = turn.flat_coupling_z(rows);
+        let ([x, y], o) = (rows, T::zero());
+        let coupling = match self.shape {
+            Twist::Straight => Mat3([x, y, [o; 3]]),
+            Twist::Quarter => Mat3([[x[0], -x[2], x[1]], [o; 3], [y[0], -y[2], y[1]]]),
+            Twist::BackQuarter => Mat3([[x[0], x[2], -x[1]], [o; 3], [-y[0], -y[2], y[1]]]),
+            Twist::Oblique => Turn::constant(&self.twist).flat_coupling_x(rows),
         };
-        self.first_articulated(twisted.shifted(shift.offset))
+        let moved = shift_coupling(&coupling, &mass, offset);
+        let flat = [(-gx).fma(ux, J.xx), (-gx).fma(uy, J.xy), (-gy).fma(uy, J.yy)];
+        let flat = turn.flat_inertia_z(flat);
+        let [xx, xy, yy] = flat;
+        let inertia = match self.shape {
+            Twist::Straight => Sym3 { xx, xy, xz: o, yy, yz: o, zz: o },
+            Twist::Quarter => Sym3 { xx, xy: o, xz: xy, yy: o, yz: o, zz: yy },
+            Twist::BackQuarter => Sym3 { xx, xy: o, xz: -xy, yy: o, yz: o, zz: yy },
+            Twist::Oblique => Turn::constant(&self.twist).flat_inertia_x(flat),
+        };
+        let inertia = shift_inertia(&inertia, &coupling, &moved, offset);
+        self.first_articulated(ArticulatedInertia { inertia, coupling: moved, mass })
+    }
+    #[inline(always)]
+    fn twist_symmetric<T: Scalar<Constant = C>>(&self, m: &Sym3<T>) -> Sym3<T> {
+        match self.shape {
+            Twist::Straight => *m,
+            Twist::Quarter => quarter_symmetric(m),
+            Twist::BackQuarter => back_quarter_symmetric(m),
+            Twist::Oblique => Turn::constant(&self.twist).symmetric_up(Axis::X, m),
+        }
     }
     #[inline(always)]
     fn first_articulated<T: Scalar<Constant = C>>(&self, P: ArticulatedInertia<T>) -> ArticulatedInertia<T> {
@@ -305,18 +338,10 @@ impl<C: Real> Link<C> {
         M: &RigidInertia<T>,
     ) -> RigidInertia<T> {
         let turned = shift.turn.rigid_up(Axis::Z, M);
-        let twisted = match self.shape {
-            Twist::Straight => turned,
-            Twist::Quarter | Twist::BackQuarter => RigidInertia {
-                mass: turned.mass,
-                first_moment: self.twist_up(turned.first_moment),
-                inertia: if self.shape == Twist::Quarter {
-                    quarter_symmetric(&turned.inertia)
-                } else {
-                    back_quarter_symmetric(&turned.inertia)
-                },
-            },
-            Twist::Oblique => Turn::constant(&self.twist).rigid_up(Axis::X, &turned),
+        let twisted = RigidInertia {
+            mass: turned.mass,
+            first_moment: self.twist_up(turned.first_moment),
+            inertia: self.twist_symmetric(&turned.inertia),
         };
         let shifted = twisted.shifted(shift.offset);
         if self.has_first { Turn::constant(&self.first).rigid_up(Axis::Z, &shifted) } else { shifted }

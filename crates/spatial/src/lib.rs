@@ -27,5 +27,5 @@ pub use quaternion::Quaternion;
 pub use scalar::{Kernel, Real, Scalar};
 pub use six::{Motion, Wrench};
 pub use transform::Transform;
-pub use turn::{Axis, EliminatedInertia, Turn};
+pub use turn::{Axis, Turn};
 pub use vector::{Mat3, Sym3, Vec3};

@@ -186,64 +186,74 @@ fn full<T: Scalar>(t: Products<T>, axis: Axis, m: &Mat3<T>) -> Mat3<T> {
     out
 }
 
-/// Entries that are not zero of an articulated inertia that a hinge about z has eliminated: row and column z of J and
-/// row z of C are gone.
-#[derive(Clone, Copy, Debug)]
-pub struct EliminatedInertia<T> {
-    /// xx, xy, yy of J.
-    pub inertia: [T; 3],
-    /// Rows x and y of C.
-    pub coupling: [[T; 3]; 2],
-    /// m.
-    pub mass: Sym3<T>,
-}
-
-impl<T: Scalar> EliminatedInertia<T> {
-    /// The same turned about z: its zeros stay.
+/// What is left of an articulated inertia after a hinge about z has been eliminated has no row and column z in J and no row z
+/// in C; these functions turn the entries that are left.
+impl<T: Scalar> Turn<T> {
+    /// xx, xy, yy of J, turned about z.
     #[inline(always)]
-    pub fn turned(&self, turn: Turn<T>) -> Self {
-        let t = turn.products();
-        let [xx, xy, yy] = self.inertia;
-        let (xx, xy, yy) = block(t, xx, xy, yy);
-        let [[a, b, e], [c, d, f]] = self.coupling;
+    pub fn flat_inertia_z(self, [xx, xy, yy]: [T; 3]) -> [T; 3] {
+        let (xx, xy, yy) = block(self.products(), xx, xy, yy);
+        [xx, xy, yy]
+    }
+    /// Rows x and y of C, turned about z.
+    #[inline(always)]
+    pub fn flat_coupling_z(self, [[a, b, e], [c, d, f]]: [[T; 3]; 2]) -> [[T; 3]; 2] {
+        let t = self.products();
         let sum = t.cs * (b + c);
         let difference = t.cs * (a - d);
-        let (xz, yz) = turn.pair(e, f);
-        EliminatedInertia {
-            inertia: [xx, xy, yy],
-            coupling: [
-                [t.cc.fma(a, t.ss.fma(d, -sum)), t.cc.fma(b, (-t.ss).fma(c, difference)), xz],
-                [t.cc.fma(c, (-t.ss).fma(b, difference)), t.ss.fma(a, t.cc.fma(d, sum)), yz],
-            ],
-            mass: symmetric(t, Axis::Z, &self.mass),
-        }
+        let (xz, yz) = self.pair(e, f);
+        [
+            [t.cc.fma(a, t.ss.fma(d, -sum)), t.cc.fma(b, (-t.ss).fma(c, difference)), xz],
+            [t.cc.fma(c, (-t.ss).fma(b, difference)), t.ss.fma(a, t.cc.fma(d, sum)), yz],
+        ]
     }
-    /// All entries.
+    /// All of J from xx, xy, yy, turned about x.
     #[inline(always)]
-    pub fn to_articulated(&self) -> ArticulatedInertia<T> {
-        let ([xx, xy, yy], [x, y], o) = (self.inertia, self.coupling, T::zero());
-        ArticulatedInertia {
-            inertia: Sym3 { xx, xy, xz: o, yy, yz: o, zz: o },
-            coupling: Mat3([x, y, [o; 3]]),
-            mass: self.mass,
-        }
+    pub fn flat_inertia_x(self, [xx, xy, yy]: [T; 3]) -> Sym3<T> {
+        let t = self.products();
+        Sym3 { xx, xy: t.c * xy, xz: t.s * xy, yy: t.cc * yy, yz: t.cs * yy, zz: t.ss * yy }
     }
-    /// All entries, turned about x.
+    /// All of C from rows x and y, turned about x.
     #[inline(always)]
-    pub fn twisted(&self, turn: Turn<T>) -> ArticulatedInertia<T> {
-        let t = turn.products();
-        let ([xx, xy, yy], [x, y]) = (self.inertia, self.coupling);
-        let (xy_, xz_) = turn.pair(x[1], x[2]);
-        let (yy_, yz_) = turn.pair(y[1], y[2]);
-        ArticulatedInertia {
-            inertia: Sym3 { xx, xy: t.c * xy, xz: t.s * xy, yy: t.cc * yy, yz: t.cs * yy, zz: t.ss * yy },
-            coupling: Mat3([
-                [x[0], xy_, xz_],
-                [t.c * y[0], t.c * yy_, t.c * yz_],
-                [t.s * y[0], t.s * yy_, t.s * yz_],
-            ]),
-            mass: symmetric(t, Axis::X, &self.mass),
-        }
+    pub fn flat_coupling_x(self, [x, y]: [[T; 3]; 2]) -> Mat3<T> {
+        let (xy, xz) = self.pair(x[1], x[2]);
+        let (yy, yz) = self.pair(y[1], y[2]);
+        let row = Vec3([y[0], yy, yz]);
+        Mat3([[x[0], xy, xz], row.scale(self.cos).0, row.scale(self.sin).0])
+    }
+}
+
+/// C + l~ m.
+#[inline(always)]
+pub fn shift_coupling<T: Scalar>(C: &Mat3<T>, m: &Sym3<T>, l: Vec3<T>) -> Mat3<T> {
+    let ([x, y, z], C) = (l.0, &C.0);
+    let column = |j: usize, [a, b, c]: [T; 3]| {
+        [y.fma(c, (-z).fma(b, C[0][j])), z.fma(a, (-x).fma(c, C[1][j])), x.fma(b, (-y).fma(a, C[2][j]))]
+    };
+    let [a0, a1, a2] = column(0, [m.xx, m.xy, m.xz]);
+    let [b0, b1, b2] = column(1, [m.xy, m.yy, m.yz]);
+    let [c0, c1, c2] = column(2, [m.xz, m.yz, m.zz]);
+    Mat3([[a0, b0, c0], [a1, b1, c1], [a2, b2, c2]])
+}
+
+/// J + l~ Cᵀ + C' l~ᵀ with C' from [`shift_coupling`].
+#[inline(always)]
+pub fn shift_inertia<T: Scalar>(J: &Sym3<T>, C: &Mat3<T>, moved: &Mat3<T>, l: Vec3<T>) -> Sym3<T> {
+    let ([x, y, z], C, N) = (l.0, &C.0, &moved.0);
+    // Row i of l~ Cᵀ is l crossed into the columns of Cᵀ; of C' l~ᵀ, row i of C' crossed by l.
+    let row0 = |J: T, j: usize| y.fma(C[j][2], (-z).fma(C[j][1], J));
+    let row1 = |J: T, j: usize| z.fma(C[j][0], (-x).fma(C[j][2], J));
+    let row2 = |J: T, j: usize| x.fma(C[j][1], (-y).fma(C[j][0], J));
+    let column0 = |J: T, i: usize| y.fma(N[i][2], (-z).fma(N[i][1], J));
+    let column1 = |J: T, i: usize| z.fma(N[i][0], (-x).fma(N[i][2], J));
+    let column2 = |J: T, i: usize| x.fma(N[i][1], (-y).fma(N[i][0], J));
+    Sym3 {
+        xx: column0(row0(J.xx, 0), 0),
+        xy: column1(row0(J.xy, 1), 0),
+        xz: column2(row0(J.xz, 2), 0),
+        yy: column1(row1(J.yy, 1), 1),
+        yz: column2(row1(J.yz, 2), 1),
+        zz: column2(row2(J.zz, 2), 2),
     }
 }
 
@@ -251,43 +261,10 @@ impl<T: Scalar> ArticulatedInertia<T> {
     /// About a point at −l: φ P φ* with a pure shift, where l is the present origin seen from the new one.
     #[inline(always)]
     pub fn shifted(&self, l: Vec3<T>) -> Self {
-        let [x, y, z] = l.0;
-        let (m, C, J) = (self.mass.to_mat3().0, self.coupling.0, &self.inertia);
-        // C' = C + l~ m.
-        let column = |j: usize| {
-            [
-                y.fma(m[2][j], (-z).fma(m[1][j], C[0][j])),
-                z.fma(m[0][j], (-x).fma(m[2][j], C[1][j])),
-                x.fma(m[1][j], (-y).fma(m[0][j], C[2][j])),
-            ]
-        };
-        let ([a0, a1, a2], [b0, b1, b2], [c0, c1, c2]) = (column(0), column(1), column(2));
-        let moved = [[a0, b0, c0], [a1, b1, c1], [a2, b2, c2]];
-        // J' = J + l~ Cᵀ + C' l~ᵀ: row i of C crossed into column i, row i of C' into row i.
-        let before = |i: usize, j: usize| match i {
-            0 => y.fma(C[j][2], -(z * C[j][1])),
-            1 => z.fma(C[j][0], -(x * C[j][2])),
-            _ => x.fma(C[j][1], -(y * C[j][0])),
-        };
-        let entry = |J: T, i: usize, j: usize| {
-            let r = moved[i];
-            let J = J + before(i, j);
-            match j {
-                0 => y.fma(r[2], (-z).fma(r[1], J)),
-                1 => z.fma(r[0], (-x).fma(r[2], J)),
-                _ => x.fma(r[1], (-y).fma(r[0], J)),
-            }
-        };
+        let moved = shift_coupling(&self.coupling, &self.mass, l);
         ArticulatedInertia {
-            inertia: Sym3 {
-                xx: entry(J.xx, 0, 0),
-                xy: entry(J.xy, 0, 1),
-                xz: entry(J.xz, 0, 2),
-                yy: entry(J.yy, 1, 1),
-                yz: entry(J.yz, 1, 2),
-                zz: entry(J.zz, 2, 2),
-            },
-            coupling: Mat3(moved),
+            inertia: shift_inertia(&self.inertia, &self.coupling, &moved, l),
+            coupling: moved,
             mass: self.mass,
         }
     }
@@ -369,14 +346,13 @@ mod tests {
         let mut p = articulated();
         let column = p.column(2);
         p.add_outer(column, -1.0 / p.inertia.zz);
-        let J = &p.inertia;
-        let C = &p.coupling.0;
-        let small = EliminatedInertia { inertia: [J.xx, J.xy, J.yy], coupling: [C[0], C[1]], mass: p.mass };
+        let (J, C) = (&p.inertia, &p.coupling.0);
         let (a, b) = (Turn::by(0.7), Turn::by(-2.1));
-        let turned = small.turned(a);
-        close(&a.articulated_up(Axis::Z, &p), &turned.to_articulated());
+        let inertia = b.flat_inertia_x(a.flat_inertia_z([J.xx, J.xy, J.yy]));
+        let coupling = b.flat_coupling_x(a.flat_coupling_z([C[0], C[1]]));
+        let mass = b.symmetric_up(Axis::X, &a.symmetric_up(Axis::Z, &p.mass));
         let both = b.articulated_up(Axis::X, &a.articulated_up(Axis::Z, &p));
-        close(&both, &turned.twisted(b));
+        close(&both, &ArticulatedInertia { inertia, coupling, mass });
     }
 
     #[test]
