@@ -95,7 +95,17 @@ def _one_state(m: phipsi.Model, model: pin.Model, layout: phipsi.interop.Pinocch
     result.note("bias forces", bias, theirs, names, scale=force)
     theirs = layout.f_in(pin.computeGeneralizedGravity(model, data, their_q))
     result.note("gravity forces", m.gravity_forces(q), theirs, names, scale=force)
-    _with_wrenches(m, model, layout, result, (q, v, tau, a), (rng, frames), force, (factor, why))
+    conditioned = (factor, why)
+    _with_wrenches(m, model, layout, units, result, (q, v, tau, a), (rng, frames), force, conditioned)
+
+    # Copies: the second call writes into what the first one gave.
+    theirs = [
+        [x.copy() for x in pin.computeRNEADerivatives(model, data, their_q, their_v, their_a)],
+        [x.copy() for x in pin.computeABADerivatives(model, data, their_q, their_v, their_tau)],
+    ]
+    ours = m.inverse_dynamics_derivatives(q, v, a), m.forward_dynamics_derivatives(q, v, tau)
+    scales = (force, float(np.abs(acceleration).max()))
+    _derivatives(result, "", ours, theirs, units, scales, names, conditioned)
 
     if sum(inertia.mass for inertia in model.inertias[1:]) > 0:
         center = pin.centerOfMass(model, data, their_q)
@@ -155,10 +165,32 @@ def _reactions(m: phipsi.Model, model: pin.Model, data: pin.Data, result: Compar
             result.note("joint reactions", row, theirs, f"joint {model.names[joint]}", scale=force)
 
 
+def _derivatives(
+    result: Comparison,
+    under: str,
+    ours: tuple,
+    theirs: list,
+    units: np.ndarray,
+    scales: tuple[float, float],
+    names: Names,
+    conditioned: tuple[float, str],
+) -> None:
+    """Derivatives along the increments of ``integrate``, which are the same ones in both programs."""
+    for what, last, own, other, scale in zip(("forces", "accelerations"), ("a", "tau"), ours, theirs, scales):
+        factor, why = conditioned if what == "accelerations" else (1.0, "")
+        other = (other[0], other[1], _full(other[2]))
+        for by, x, y in zip(("q", "v", last), own, other):
+            # The mass matrix and its inverse do not cancel.
+            size = 0.0 if by == last else scale
+            quantity = f"derivatives of {what} by {by}{under}"
+            result.note(quantity, x, units.T @ y @ units, names.pair, scale=size, factor=factor, why=why)
+
+
 def _with_wrenches(
     m: phipsi.Model,
     model: pin.Model,
     layout: phipsi.interop.Pinocchio,
+    units: np.ndarray,
     result: Comparison,
     at: tuple,
     bodies: tuple,
@@ -176,12 +208,24 @@ def _with_wrenches(
         f = model.frames[frame]
         external[f.parentJoint] += f.placement.act(pin.Force(np.roll(wrenches[body], 3)))
     their_q, their_v = layout.q_out(q), layout.v_out(v)
-    theirs = layout.v_in(pin.aba(model, data, their_q, their_v, layout.f_out(tau), external))
-    ours = m.forward_dynamics(q, v, tau, wrenches=wrenches)
-    result.note("accelerations under wrenches", ours, theirs, names, factor=factor, why=why)
-    theirs = layout.f_in(pin.rnea(model, data, their_q, their_v, layout.v_out(a), external))
+    their_tau, their_a = layout.f_out(tau), layout.v_out(a)
+    theirs = layout.v_in(pin.aba(model, data, their_q, their_v, their_tau, external))
+    acceleration = m.forward_dynamics(q, v, tau, wrenches=wrenches)
+    result.note("accelerations under wrenches", acceleration, theirs, names, factor=factor, why=why)
+    theirs = layout.f_in(pin.rnea(model, data, their_q, their_v, their_a, external))
     ours = m.inverse_dynamics(q, v, a, wrenches=wrenches)
     result.note("generalized forces under wrenches", ours, theirs, names, scale=force)
+    # Copies: the second call writes into what the first one gave.
+    theirs = [
+        [x.copy() for x in pin.computeRNEADerivatives(model, data, their_q, their_v, their_a, external)],
+        [x.copy() for x in pin.computeABADerivatives(model, data, their_q, their_v, their_tau, external)],
+    ]
+    ours = (
+        m.inverse_dynamics_derivatives(q, v, a, wrenches=wrenches),
+        m.forward_dynamics_derivatives(q, v, tau, wrenches=wrenches),
+    )
+    scales = (force, float(np.abs(acceleration).max()))
+    _derivatives(result, " under wrenches", ours, theirs, units, scales, names, conditioned)
 
 
 if __name__ == "__main__":

@@ -31,12 +31,18 @@ def states(m, n, seed=0):
     return q, rng.uniform(-1, 1, (n, m.nv)), rng.uniform(-1, 1, (n, m.nv))
 
 
+def stacked(matrices):
+    return np.stack(matrices, axis=-3)
+
+
 #: Every method with a batch axis, as a function of (m, q, v, x).
 METHODS = {
     "integrate": lambda m, q, v, x: m.integrate(q, v),
     "difference": lambda m, q, v, x: m.difference(q, m.integrate(q, v)),
     "forward_dynamics": lambda m, q, v, x: m.forward_dynamics(q, v, x),
     "inverse_dynamics": lambda m, q, v, x: m.inverse_dynamics(q, v, x),
+    "forward_dynamics_derivatives": lambda m, q, v, x: stacked(m.forward_dynamics_derivatives(q, v, x)),
+    "inverse_dynamics_derivatives": lambda m, q, v, x: stacked(m.inverse_dynamics_derivatives(q, v, x)),
     "mass_matrix": lambda m, q, v, x: m.mass_matrix(q),
     "mass_matrix_inverse": lambda m, q, v, x: m.mass_matrix_inverse(q),
     "multiply_by_mass_matrix": lambda m, q, v, x: m.multiply_by_mass_matrix(q, x),

@@ -3,7 +3,7 @@
 //! | file | what |
 //! |---|---|
 //! | `batch` | array-likes as states, broadcasting, the loop over states |
-//! | `model`, `dynamics`, `kinematics` | methods of the class `Model` |
+//! | `model`, `dynamics`, `derivatives`, `kinematics` | methods of the class `Model` |
 //! | `molecule` | methods of the class `System`: energies and forces of molecules |
 //! | `torsion_model`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
 //! | `simulate`, `trajectory`, `simulator` | motion |
@@ -11,6 +11,7 @@
 
 mod batch;
 mod clustering;
+mod derivatives;
 mod dynamics;
 mod errors;
 mod kinematics;

@@ -34,9 +34,9 @@ struct Moving<T> {
 /// Workspace of forward dynamics.
 #[derive(Clone, Debug)]
 pub struct ForwardDynamics<T: Scalar> {
-    shifts: Shifts<T::Arithmetic>,
+    pub(crate) shifts: Shifts<T::Arithmetic>,
     moving: Vec<Moving<T::Arithmetic>>,
-    pivots: Vec<Pivot<T::Arithmetic>>,
+    pub(crate) pivots: Vec<Pivot<T::Arithmetic>>,
     pending: Pending<(ArticulatedInertia<T::Arithmetic>, Wrench<T::Arithmetic>)>,
     /// α of bodies with several children.
     alpha: Vec<Motion<T::Arithmetic>>,
@@ -83,6 +83,18 @@ impl<T: Scalar> ForwardDynamics<T> {
         wrenches: Option<&[Wrench<T>]>,
         out: &mut [T],
     ) -> Result<(), DynamicsError> {
+        self.accelerate::<true>(layout, q, v, tau, wrenches, out)
+    }
+    /// [`run`](Self::run) with `TURNING`; without, `out` gets θ̈ + c.
+    pub(crate) fn accelerate<const TURNING: bool>(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        q: &[T],
+        v: &[T],
+        tau: &[T],
+        wrenches: Option<&[Wrench<T>]>,
+        out: &mut [T],
+    ) -> Result<(), DynamicsError> {
         layout.check_tree()?;
         check_length("q", q, layout.nq())?;
         check_length("v", v, layout.nv())?;
@@ -95,7 +107,15 @@ impl<T: Scalar> ForwardDynamics<T> {
         }
         out.copy_from_slice(tau);
         let (q, v, out) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic_mut(out));
-        T::Arithmetic::dispatch(Sweeps { work: self, layout, q, v, loaded: wrenches.is_some(), out })
+        T::Arithmetic::dispatch(Sweeps {
+            work: self,
+            layout,
+            q,
+            v,
+            loaded: wrenches.is_some(),
+            turning: TURNING,
+            out,
+        })
     }
 
     #[inline(always)]
@@ -188,12 +208,13 @@ impl<T: Scalar> ForwardDynamics<T> {
         Ok(())
     }
 
-    /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after.
+    /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after, or θ̈ + c without `turning`.
     #[inline(always)]
     fn sweep_outboard(
         &mut self,
         layout: &Layout<T::Constant>,
         v: &[T::Arithmetic],
+        turning: bool,
         residuals: &mut [T::Arithmetic],
     ) {
         let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity));
@@ -215,7 +236,9 @@ impl<T: Scalar> ForwardDynamics<T> {
                 let dofs = body.v..body.v + body.hinge.nv();
                 alpha = self.shifts.at(k, body).motion_to_child(inboard);
                 smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
-                body.hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
+                if turning {
+                    body.hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
+                }
             }
             alpha += self.moving[k].coriolis;
             if body.children > 1 {
@@ -233,11 +256,12 @@ kernel! {
         q: &'a [T::Arithmetic],
         v: &'a [T::Arithmetic],
         loaded: bool,
+        turning: bool,
         out: &'a mut [T::Arithmetic],
     } -> Result<(), DynamicsError> {
         work.sweep_velocities(layout, q, v);
         work.sweep_inboard(layout, loaded, out)?;
-        work.sweep_outboard(layout, v, out);
+        work.sweep_outboard(layout, v, turning, out);
         Ok(())
     }
 }

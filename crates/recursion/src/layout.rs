@@ -125,6 +125,14 @@ pub(crate) struct Passage<'a, T: Scalar> {
 }
 
 impl<T: Scalar> Passage<'_, T> {
+    /// The pose of the body in its parent.
+    #[inline(always)]
+    pub(crate) fn pose(&self) -> Transform<T> {
+        match self.general {
+            Some(x) => *x,
+            None => self.body.link.pose(self.shift),
+        }
+    }
     /// φ f.
     #[inline(always)]
     pub(crate) fn wrench_to_parent(&self, f: Wrench<T>) -> Wrench<T> {

@@ -31,9 +31,12 @@ pub mod energy;
 pub mod error;
 pub mod form;
 pub mod forward_dynamics;
+pub mod forward_dynamics_derivatives;
 pub mod hinge;
 pub mod hinge_check;
+pub mod innovations;
 pub mod inverse_dynamics;
+pub mod inverse_dynamics_derivatives;
 pub mod jacobian;
 pub mod joint_reactions;
 mod kernel;
@@ -51,10 +54,13 @@ pub use energy::{center_of_mass, kinetic_energy, potential_energy};
 pub use error::DynamicsError;
 pub use form::{Form, FormChoice, FormForwardDynamics};
 pub use forward_dynamics::{ForwardDynamics, ForwardInfo, WorstHinge, forward_dynamics, forward_info};
+pub use forward_dynamics_derivatives::{ForwardDynamicsDerivatives, forward_dynamics_derivatives};
 pub use hinge_check::singular_hinges;
+pub use innovations::innovations_operator;
 pub use inverse_dynamics::{
     InverseDynamics, bias_forces, gravity_forces, inverse_dynamics, multiply_by_mass_matrix,
 };
+pub use inverse_dynamics_derivatives::{InverseDynamicsDerivatives, inverse_dynamics_derivatives};
 pub use jacobian::jacobian;
 pub use joint_reactions::joint_reactions;
 pub use kinematics::{Kinematics, body_pose, body_velocity};

@@ -36,14 +36,14 @@ struct Taken<T> {
 
 /// Workspace of forward dynamics in its square-root form.
 #[derive(Clone, Debug)]
-pub struct SquareRootForwardDynamics<T> {
+pub struct SquareRootForwardDynamics<T: Real> {
     bodies: Vec<BodyRows<T>>,
     hinge: Vec<Transform<T>>,
     omega: Vec<Vec3<T>>,
     coriolis: Vec<Motion<T>>,
     /// What the children of a body let through, six rows at most, and how many.
     children: Vec<([Row<T>; 6], usize)>,
-    load: Vec<Wrench<T>>,
+    load: Vec<Wrench<T::Arithmetic>>,
     linear: Vec<Wrench<T>>,
     alpha: Vec<Motion<T>>,
     taken: Vec<Taken<T>>,
@@ -103,7 +103,9 @@ impl<T: Real> SquareRootForwardDynamics<T> {
             check_length("wrenches", wrenches, layout.model_bodies())?;
         }
         self.sweep_velocities(layout, q, v);
-        layout.subtract_wrenches(wrenches, &mut self.load);
+        if let Some(wrenches) = wrenches {
+            layout.gather_loads(wrenches, &mut self.load);
+        }
         self.sweep_inboard(layout, tau)?;
         self.sweep_outboard(layout, v, out);
         Ok(())
@@ -129,7 +131,8 @@ impl<T: Real> SquareRootForwardDynamics<T> {
             let (children, count) = &self.children[k];
             stack.clear();
             children[..*count].iter().for_each(|row| stack.push(*row));
-            let left = self.bodies[k].rows(self.omega[k], self.load[k], |row| stack.push(row));
+            let load = self.load[k].map(T::from_arithmetic);
+            let left = self.bodies[k].rows(self.omega[k], load, |row| stack.push(row));
             let mut p = self.linear[k] + left;
             for row in stack.get_mut() {
                 row[6] += a.dot(covector(row));

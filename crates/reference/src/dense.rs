@@ -56,28 +56,39 @@ impl<T: Real> Factors<T> {
         }
         Ok(Factors { size: a.nrows(), order, l, d })
     }
+    /// L⁻¹ b in the order of elimination.
+    fn forward(&self, b: &[T]) -> Vec<T> {
+        let mut x: Vec<T> = self.order.iter().map(|&i| b[i]).collect();
+        for i in 0..x.len() {
+            x[i] = (0..i).fold(x[i], |sum, k| sum - self.l[(i, k)] * x[k]);
+        }
+        x
+    }
+    /// x in the order of elimination, by index of the matrix; zero where `order` has no entry.
+    fn scattered(&self, x: &[T]) -> Vec<T> {
+        let mut out = vec![T::zero(); self.size];
+        self.order.iter().zip(x).for_each(|(&i, x)| out[i] = *x);
+        out
+    }
+    /// L⁻¹ b; zero where `order` has no entry.
+    pub fn innovations(&self, b: &[T]) -> Vec<T> {
+        self.scattered(&self.forward(b))
+    }
     /// A⁻¹ b; zero where `order` has no entry.
     pub fn solve(&self, b: &[T]) -> Vec<T> {
         let n = self.order.len();
-        let mut x: Vec<T> = self.order.iter().map(|&i| b[i]).collect();
-        for i in 0..n {
-            x[i] = (0..i).fold(x[i], |sum, k| sum - self.l[(i, k)] * x[k]);
-        }
+        let mut x = self.forward(b);
         for i in 0..n {
             x[i] /= self.d[i];
         }
         for i in (0..n).rev() {
             x[i] = (i + 1..n).fold(x[i], |sum, k| sum - self.l[(k, i)] * x[k]);
         }
-        let mut out = vec![T::zero(); b.len()];
-        (0..n).for_each(|i| out[self.order[i]] = x[i]);
-        out
+        self.scattered(&x)
     }
     /// The pivots, by index of the matrix; zero where `order` has no entry.
     pub fn pivots(&self) -> Vec<T> {
-        let mut out = vec![T::zero(); self.size];
-        (0..self.order.len()).for_each(|i| out[self.order[i]] = self.d[i]);
-        out
+        self.scattered(&self.d)
     }
 }
 

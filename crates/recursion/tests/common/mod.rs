@@ -38,10 +38,22 @@ pub fn agree(
     slow: impl Fn(&Case) -> Vec<Dd>,
     sizes: impl Fn(&Case, &mut [f64]),
 ) {
+    agree_on(TREES, SAMPLES, what, fast, slow, sizes);
+}
+
+/// [`agree`] on another number of trees, with another number of perturbations.
+pub fn agree_on(
+    trees: u64,
+    samples: usize,
+    what: &str,
+    fast: impl Fn(&Layout<f64>, &Case) -> Result<Vec<f64>, DynamicsError>,
+    slow: impl Fn(&Case) -> Vec<Dd>,
+    sizes: impl Fn(&Case, &mut [f64]),
+) {
     let (mut worst, mut at) = (0.0f64, 0);
-    for seed in seeds(TREES) {
+    for seed in seeds(trees) {
         let case = case(seed);
-        let (want, mut size) = sensitivity(&case, SAMPLES, seed, &slow);
+        let (want, mut size) = sensitivity(&case, samples, seed, &slow);
         sizes(&case, &mut size);
         // The reference rounds too, by ε² of its largest terms in every product of rotations.
         let largest = size.iter().fold(0.0f64, |m, x| m.max(*x));

@@ -1,0 +1,173 @@
+//! Derivatives of forward dynamics by q, v and the generalised forces.
+//!
+//! | symbol | meaning | source |
+//! |---|---|---|
+//! | θ̈ | accelerations of (q, v, T) | paper 1 (9.14) |
+//! | ∂θ̈/∂q, ∂θ̈/∂v | −M⁻¹ ∂T/∂q, −M⁻¹ ∂T/∂v, derivatives of inverse dynamics at θ̈ | |
+//! | M⁻¹ | L* D⁻¹ L with L = I − HψK: [`crate::innovations`] | soa.md 3.1 |
+//! | c | turning of the axes of planar and free joints: T is a function of θ̈ + c, so ∂c/∂v is subtracted at the end and the speed of a free body stays out of its moments | |
+
+use crate::error::{DynamicsError, check_length};
+use crate::forward_dynamics::ForwardDynamics;
+use crate::hinge::Hinge;
+use crate::innovations::Innovations;
+use crate::inverse_dynamics_derivatives::{DerivativeSweeps, Matrices};
+use crate::kernel::kernel;
+use crate::layout::Layout;
+use phipsi_spatial::{Motion, Scalar, Wrench};
+
+/// Workspace of the derivatives of forward dynamics.
+#[derive(Clone, Debug)]
+pub struct ForwardDynamicsDerivatives<T: Scalar> {
+    forward: ForwardDynamics<T>,
+    sweeps: DerivativeSweeps<T::Arithmetic>,
+    innovations: Innovations<T::Arithmetic>,
+    acceleration: Vec<T>,
+}
+
+impl<T: Scalar> ForwardDynamicsDerivatives<T> {
+    /// A workspace for a layout.
+    pub fn new(layout: &Layout<T::Constant>) -> Self {
+        ForwardDynamicsDerivatives {
+            forward: ForwardDynamics::new(layout),
+            sweeps: DerivativeSweeps::new(layout),
+            innovations: Innovations::new(layout),
+            acceleration: vec![T::zero(); layout.nv()],
+        }
+    }
+    /// Derivatives of the accelerations of generalised forces `tau` at (q, v) under wrenches that are constant in their bodies'
+    /// axes. The accelerations themselves are in [`acceleration`](Self::acceleration) afterwards.
+    ///
+    /// # Computes
+    /// ∂θ̈/∂q along the increments of `Model::integrate` (body-axes velocities of the joints), ∂θ̈/∂v, ∂θ̈/∂T = M⁻¹(q); in each
+    /// the other arguments stay as numbers.
+    ///
+    /// # Shapes & units
+    /// `q`: nq; `v`, `tau`: nv; `wrenches`: one per body of the model, at its frame's origin, its axes; `d_dq`, `d_dv`,
+    /// `d_dtau`: nv×nv by rows, row i is the acceleration of degree of freedom i.
+    ///
+    /// # Cost
+    /// O(n · depth) and two products with L of O(nv · n · depth); no allocation.
+    ///
+    /// # Accuracy
+    /// n·ε·|M⁻¹| times the κ of the forces' derivatives, and ε × mass ratio where a heavy body hangs on a light one, as in
+    /// [`ForwardDynamics::run`].
+    ///
+    /// # Errors
+    /// [`DynamicsError::Shape`], [`DynamicsError::Closure`]; [`DynamicsError::SingularHinge`] if a D is not positive.
+    #[allow(clippy::too_many_arguments)] // three arguments, three derivatives
+    pub fn run(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        q: &[T],
+        v: &[T],
+        tau: &[T],
+        wrenches: Option<&[Wrench<T>]>,
+        d_dq: &mut [T],
+        d_dv: &mut [T],
+        d_dtau: &mut [T],
+    ) -> Result<(), DynamicsError> {
+        let nv = layout.nv();
+        check_length("d_dq", d_dq, nv * nv)?;
+        check_length("d_dv", d_dv, nv * nv)?;
+        check_length("d_dtau", d_dtau, nv * nv)?;
+        check_length("workspace", &self.acceleration, nv)?;
+        self.forward.accelerate::<false>(layout, q, v, tau, wrenches, &mut self.acceleration)?;
+        self.sweeps.load(layout, wrenches);
+        let (v, d_dtau) = (T::arithmetic(v), T::arithmetic_mut(d_dtau));
+        let (d_dq, d_dv) = (T::arithmetic_mut(d_dq), T::arithmetic_mut(d_dv));
+        T::Arithmetic::dispatch(Derive { work: self, layout, v, d_dq, d_dv });
+        // Kernels of their own: smaller functions keep their sums in registers.
+        let innovations = &mut self.innovations;
+        T::Arithmetic::dispatch(Solve { innovations, layout, d_dq, d_dv });
+        T::Arithmetic::dispatch(Finish { work: self, layout, v, d_dv, d_dtau });
+        Ok(())
+    }
+    /// θ̈ of the last successful run.
+    pub fn acceleration(&self) -> &[T] {
+        &self.acceleration
+    }
+}
+
+kernel! {
+    Derive<'a, T> {
+        work: &'a mut ForwardDynamicsDerivatives<T>,
+        layout: &'a Layout<T::Constant>,
+        v: &'a [T::Arithmetic],
+        d_dq: &'a mut [T::Arithmetic],
+        d_dv: &'a mut [T::Arithmetic],
+    } -> () {
+        let ForwardDynamicsDerivatives { forward, sweeps, innovations, acceleration } = work;
+        sweeps.outboard::<false>(layout, &forward.shifts, v, T::arithmetic(acceleration));
+        sweeps.inboard::<false>(layout, v, Matrices { d_dq, d_dv, d_da: None });
+        innovations.update(layout, &forward.pivots, &sweeps.poses);
+    }
+}
+
+kernel! {
+    Solve<'a, T> {
+        innovations: &'a mut Innovations<T>,
+        layout: &'a Layout<T::Constant>,
+        d_dq: &'a mut [T],
+        d_dv: &'a mut [T],
+    } -> () {
+        innovations.negative_solve(layout, d_dq, d_dv);
+    }
+}
+
+kernel! {
+    Finish<'a, T> {
+        work: &'a mut ForwardDynamicsDerivatives<T>,
+        layout: &'a Layout<T::Constant>,
+        v: &'a [T::Arithmetic],
+        d_dv: &'a mut [T::Arithmetic],
+        d_dtau: &'a mut [T::Arithmetic],
+    } -> () {
+        work.innovations.inverse_mass_matrix(layout, d_dtau);
+        subtract_turning_rates(layout, v, d_dv);
+        let acceleration = T::arithmetic_mut(&mut work.acceleration);
+        for body in layout.bodies() {
+            let dofs = body.v..body.v + body.hinge.nv();
+            body.hinge.subtract_turning(&v[body.v..], &mut acceleration[dofs]);
+        }
+    }
+}
+
+/// −= ∂c/∂v: column j of a joint gets s × δv + δω × b.
+#[inline(always)]
+fn subtract_turning_rates<T: Scalar>(layout: &Layout<T::Constant>, v: &[T], d_dv: &mut [T]) {
+    let nv = layout.nv();
+    for body in layout.bodies() {
+        if !matches!(body.hinge, Hinge::Planar | Hinge::Free) {
+            continue;
+        }
+        let joint = body.hinge.expand(&v[body.v..]);
+        for j in 0..body.hinge.nv() {
+            let axis: Motion<T> = body.hinge.axis(j);
+            let rate = axis.angular.cross(joint.linear) + joint.angular.cross(axis.linear);
+            let rate = Motion::new(phipsi_spatial::Vec3::zero(), rate);
+            for (i, &component) in body.hinge.components().iter().enumerate() {
+                d_dv[(body.v + i) * nv + body.v + j] -= rate.get(component);
+            }
+        }
+    }
+}
+
+/// (∂θ̈/∂q, ∂θ̈/∂v, ∂θ̈/∂T = M⁻¹): [`ForwardDynamicsDerivatives::run`] for a single call.
+///
+/// # Errors
+/// As there.
+#[allow(clippy::type_complexity)] // three matrices
+pub fn forward_dynamics_derivatives<T: Scalar>(
+    layout: &Layout<T::Constant>,
+    q: &[T],
+    v: &[T],
+    tau: &[T],
+    wrenches: Option<&[Wrench<T>]>,
+) -> Result<(Vec<T>, Vec<T>, Vec<T>), DynamicsError> {
+    let zero = vec![T::zero(); layout.nv() * layout.nv()];
+    let (mut d_dq, mut d_dv, mut d_dtau) = (zero.clone(), zero.clone(), zero);
+    let mut work = ForwardDynamicsDerivatives::new(layout);
+    work.run(layout, q, v, tau, wrenches, &mut d_dq, &mut d_dv, &mut d_dtau)?;
+    Ok((d_dq, d_dv, d_dtau))
+}
