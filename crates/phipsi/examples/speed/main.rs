@@ -7,10 +7,12 @@ mod protocol;
 
 use phipsi::model::{Base, Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random};
 use phipsi::prelude::{Mimic, UrdfOptions, read_urdf_file};
+use phipsi::recursion::batch::{Input, StateKernel, run_batch};
 use phipsi::recursion::{
-    ForwardDynamics, InverseDynamics, Layout, MassMatrix, centroidal_momentum_matrix, jacobian,
-    mass_matrix_inverse,
+    DynamicsError, ForwardDynamics, InverseDynamics, Layout, MassMatrix, centroidal_momentum_matrix,
+    jacobian, mass_matrix_inverse,
 };
+use phipsi::spatial::lanes::{Lanes, Level};
 use protocol::{Call, Failure, Operation, Program, States, serve};
 
 struct Open {
@@ -88,8 +90,37 @@ impl Program for Open {
             "centroidal" => {
                 one(6 * nv, Box::new(move |i, out| rows(out, &centroidal_momentum_matrix(layout, s.q(i))?)))
             }
+            "forward_dynamics_batch" => {
+                let kernel = Accelerations(layout);
+                let call: Call<'a> = Box::new(move |_, out| {
+                    let [q, v, tau, _] = s.all();
+                    let inputs = [Input::each(q, self.model.nq()), Input::each(v, nv), Input::each(tau, nv)];
+                    let done = run_batch(&kernel, Level::best(), &inputs, s.count, out);
+                    Ok(done.map_err(|(_, error)| error)?)
+                });
+                Operation { size: nv, batch: true, call }
+            }
             _ => return Ok(None),
         }))
+    }
+}
+
+/// Forward dynamics of each state of a batch.
+struct Accelerations<'a>(&'a Layout<f64>);
+
+impl StateKernel for Accelerations<'_> {
+    type Workspace<T: Lanes> = ForwardDynamics<T>;
+    fn workspace<T: Lanes>(&self) -> ForwardDynamics<T> {
+        ForwardDynamics::new(self.0)
+    }
+    #[inline(always)]
+    fn run<T: Lanes>(
+        &self,
+        workspace: &mut ForwardDynamics<T>,
+        inputs: &[Vec<T>],
+        out: &mut [T],
+    ) -> Result<(), DynamicsError> {
+        workspace.run(self.0, &inputs[0], &inputs[1], &inputs[2], None, out)
     }
 }
 
@@ -160,6 +191,21 @@ mod tests {
     }
 
     #[test]
+    fn a_batch_has_the_results_of_its_states() {
+        for state in 0..11 {
+            let ask = |operation| format!("chain:5 {operation} random:11 -{state}");
+            let answers = session(&[&ask("forward_dynamics_batch"), &ask("forward_dynamics")]);
+            let (many, one) = (result(&answers[0]), result(&answers[1]));
+            let scale = one.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+            // Rounding of a few hundred operations per body.
+            assert!(
+                many.iter().zip(&one).all(|(a, b)| (a - b).abs() < 1e3 * f64::EPSILON * scale),
+                "{state}"
+            );
+        }
+    }
+
+    #[test]
     fn times_are_positive_and_checksums_those_of_the_last_call() {
         let answers = session(&["chain:5 mass_matrix random:3 3", "chain:5 mass_matrix random:3 -2"]);
         let (ns, sum) = answers[0].split_once(' ').expect("two numbers");
@@ -174,6 +220,7 @@ mod tests {
             ("inverse_dynamics", 5),
             ("mass_matrix", 25),
             ("mass_matrix_inverse", 25),
+            ("forward_dynamics_batch", 5),
             ("jacobian", 30),
             ("centroidal", 30),
         ] {
