@@ -32,9 +32,9 @@ def load(path: str, base: str) -> tuple[mj.MjModel, dict[str, str]]:
         moments = _take_impossible_moments(root)
         text = ElementTree.tostring(root, encoding="unicode")
         try:
-            model = _compile(text, base, fuse=False)
+            model = compile_text(text, base, fuse=False)
         except _REFUSALS as error:
-            model = _compile(text, base, fuse=True)
+            model = compile_text(text, base, fuse=True)
             changed["links on fixed joints"] = f"fused there, as MuJoCo refuses them apart: {_in_one_line(error)}"
     except (ElementTree.ParseError, *_REFUSALS) as error:
         raise CannotCompare(
@@ -58,7 +58,8 @@ def _in_one_line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
-def _compile(text: str, base: str, fuse: bool) -> mj.MjModel:
+def compile_text(text: str, base: str, fuse: bool) -> mj.MjModel:
+    """The file's mechanics in MuJoCo, without geometry."""
     spec = mj.MjSpec.from_string(text)
     spec.compiler.fusestatic = fuse
     # Mass comes from <inertial> alone, and no mesh files are needed.

@@ -25,8 +25,8 @@ impl TorsionModel {
         let mut largest = 0.0f64;
         for (k, body) in self.layout.bodies().iter().enumerate() {
             let frame = match body.parent {
-                GROUND => body.placement,
-                parent => world[parent].compose(&body.placement),
+                GROUND => body.placement(),
+                parent => world[parent].compose(&body.placement()),
             };
             let inward = frame.inverse();
             let pairs = || {

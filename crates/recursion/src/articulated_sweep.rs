@@ -10,54 +10,104 @@
 //! | ε, ν | innovation T − H z, residual D⁻¹ ε | r | paper 1 (9.9)–(9.10) |
 //!
 //! A joint of r degrees of freedom is eliminated one component after the other: the LDL* factorisation of its D. After
-//! component i its pivot D_i, its column U_i = P H_i* and P − U_i D_i⁻¹ U_i* remain, as if it were a hinge of its own.
+//! component i its pivot D_i, its gain G_i = P H_i* D_i⁻¹ and P − G_i H_i P remain, as if it were a hinge of its own.
 
 use crate::error::{DynamicsError, check_length};
-use crate::hinge::Hinge;
-use crate::layout::{GROUND, Layout};
-use phipsi_spatial::{ArticulatedInertia, Motion, RigidInertia, Scalar, Transform, Wrench};
+use crate::hinge::{Hinge, each_component};
+use crate::kernel::kernel;
+use crate::layout::{GROUND, Layout, LayoutBody, Passage, Shifts};
+use phipsi_spatial::{ArticulatedInertia, Motion, RigidInertia, Scalar, Vec3, Wrench};
 
 /// One eliminated degree of freedom.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pivot<T> {
-    /// U = P H*, N·m·s² or N·s² per unit acceleration.
-    pub column: Wrench<T>,
+pub(crate) struct Pivot<T> {
+    /// G = P H* D⁻¹.
+    pub(crate) gain: Wrench<T>,
     /// 1/D.
-    pub inverse: T,
+    pub(crate) inverse: T,
 }
 
 impl<T: Scalar> Pivot<T> {
     /// Before any sweep.
-    pub fn empty() -> Self {
-        Pivot { column: Wrench::zero(), inverse: T::zero() }
+    pub(crate) fn empty() -> Self {
+        Pivot { gain: Wrench::zero(), inverse: T::zero() }
     }
 }
 
-/// Eliminates one joint: P becomes P⁺. Returns the component whose pivot is not positive, and the pivot.
+/// A joint whose pivot is not positive: which of its components, and the pivot.
+type Singular = (usize, f64);
+
+/// Eliminates the joint of a body: φ(p, k) P⁺ φ*(p, k), zero on the ground.
 #[inline(always)]
 pub(crate) fn eliminate<T: Scalar>(
-    hinge: &Hinge<T::Constant>,
-    P: &mut ArticulatedInertia<T>,
+    body: &LayoutBody<T::Constant>,
+    passage: Passage<'_, T>,
+    mut P: ArticulatedInertia<T>,
     pivots: &mut [Pivot<T>],
-) -> Result<(), (usize, f64)> {
-    for (i, &component) in hinge.components().iter().enumerate() {
-        let column = match hinge {
-            Hinge::Helical { .. } => P.times(hinge.axis(i)),
-            _ => P.column(component),
-        };
-        let D = hinge.project(i, &column);
-        if !D.is_positive() {
-            return Err((i, D.min_lane()));
+) -> Result<ArticulatedInertia<T>, Singular> {
+    let pivots = &mut pivots[..body.hinge.nv()];
+    each_component!(
+        body.hinge,
+        |I, C| {
+            let column = P.column(C);
+            pivots[I] = eliminate_axis(&mut P, column, column.get(C)).map_err(|D| (I, D))?;
+        },
+        {
+            let column = P.times(body.hinge.axis(0));
+            let D = body.hinge.project(0, &column);
+            pivots[0] = eliminate_axis(&mut P, column, D).map_err(|D| (0, D))?;
         }
-        let inverse = D.recip();
-        P.add_outer(column, -inverse);
-        pivots[i] = Pivot { column, inverse };
-    }
+    );
     // A free joint lets nothing through: what the subtractions leave is rounding.
-    if matches!(hinge, Hinge::Free) {
-        *P = ArticulatedInertia::zero();
+    Ok(if body.parent == GROUND || matches!(body.hinge, Hinge::Free) {
+        ArticulatedInertia::zero()
+    } else {
+        passage.articulated_to_parent(&P)
+    })
+}
+
+/// One axis with its column U of P and pivot D: P −= U D⁻¹ U*.
+#[inline(always)]
+fn eliminate_axis<T: Scalar>(
+    P: &mut ArticulatedInertia<T>,
+    column: Wrench<T>,
+    D: T,
+) -> Result<Pivot<T>, f64> {
+    if !D.is_positive() {
+        return Err(D.min_lane());
     }
-    Ok(())
+    let inverse = D.recip();
+    let gain = column.scale(inverse);
+    P.subtract_outer(gain, column);
+    Ok(Pivot { gain, inverse })
+}
+
+/// P of a body: its own inertia and what its children let through.
+#[inline(always)]
+pub(crate) fn with_own<T: Scalar>(
+    body: &LayoutBody<T::Constant>,
+    outboard: Option<ArticulatedInertia<T>>,
+) -> ArticulatedInertia<T> {
+    let M = RigidInertia::constant(&body.inertia);
+    match outboard {
+        Some(P) => P.plus_rigid(&M),
+        None => M.to_articulated(),
+    }
+}
+
+/// The pivot of a hinge about z: U is a column of P.
+#[inline(always)]
+pub(crate) fn revolute_pivot<T: Scalar>(P: &ArticulatedInertia<T>) -> Result<Pivot<T>, Singular> {
+    let D = P.inertia.zz;
+    if !D.is_positive() {
+        return Err((0, D.min_lane()));
+    }
+    let inverse = D.recip();
+    let gain = Wrench::new(
+        Vec3([P.inertia.xz * inverse, P.inertia.yz * inverse, T::one()]),
+        Vec3(P.coupling.0[2]).scale(inverse),
+    );
+    Ok(Pivot { gain, inverse })
 }
 
 /// Filter step at one joint: ε = T − H z, ν = D⁻¹ ε, z⁺ = z + G ε. `residuals` holds T before and ν after.
@@ -68,19 +118,56 @@ pub(crate) fn filter<T: Scalar>(
     z: &mut Wrench<T>,
     residuals: &mut [T],
 ) {
-    // H = I and G = I: z⁺ = T exactly, whatever the size of z.
-    let through = match hinge {
-        Hinge::Free => Some(Wrench::from_array(core::array::from_fn(|i| residuals[i]))),
-        _ => None,
-    };
-    for i in 0..hinge.nv() {
-        let nu = (residuals[i] - hinge.project(i, z)) * pivots[i].inverse;
-        *z += pivots[i].column.scale(nu);
-        residuals[i] = nu;
+    match hinge {
+        Hinge::Revolute => residuals[0] = filter_revolute(&pivots[0], z, residuals[0]),
+        Hinge::Free => {
+            // H = I and G = I: z⁺ = T exactly, whatever the size of z.
+            let through = Wrench::from_array([
+                residuals[0],
+                residuals[1],
+                residuals[2],
+                residuals[3],
+                residuals[4],
+                residuals[5],
+            ]);
+            filter_components(hinge, pivots, z, residuals);
+            *z = through;
+        }
+        _ => filter_components(hinge, pivots, z, residuals),
     }
-    if let Some(through) = through {
-        *z = through;
-    }
+}
+
+/// The hinge about z: ν from T. H G = 1, so that the component of z⁺ along the axis is T itself.
+#[inline(always)]
+pub(crate) fn filter_revolute<T: Scalar>(pivot: &Pivot<T>, z: &mut Wrench<T>, T: T) -> T {
+    let epsilon = T - z.moment.0[2];
+    let ([x, y, _], [gx, gy, _]) = (z.moment.0, pivot.gain.moment.0);
+    z.moment = Vec3([gx.fma(epsilon, x), gy.fma(epsilon, y), T]);
+    z.force = pivot.gain.force.scale_add(epsilon, z.force);
+    epsilon * pivot.inverse
+}
+
+#[inline(always)]
+fn filter_components<T: Scalar>(
+    hinge: &Hinge<T::Constant>,
+    pivots: &[Pivot<T>],
+    z: &mut Wrench<T>,
+    residuals: &mut [T],
+) {
+    let (pivots, residuals) = (&pivots[..hinge.nv()], &mut residuals[..hinge.nv()]);
+    each_component!(
+        hinge,
+        |I, C| residuals[I] = filter_axis(&pivots[I], z, z.get(C), residuals[I]),
+        residuals[0] = filter_axis(&pivots[0], z, hinge.project(0, z), residuals[0])
+    );
+}
+
+/// One axis: ν from T, where `along` is H z.
+#[inline(always)]
+fn filter_axis<T: Scalar>(pivot: &Pivot<T>, z: &mut Wrench<T>, along: T, T: T) -> T {
+    let epsilon = T - along;
+    *z = pivot.gain.scale_add(epsilon, *z);
+    epsilon * pivot.inverse
 }
 
 /// Smoother step at one joint: θ̈ = ν − G* α⁺, α = α⁺ + H* θ̈. `residuals` holds ν before and θ̈ after.
@@ -91,20 +178,86 @@ pub(crate) fn smooth<T: Scalar>(
     alpha: &mut Motion<T>,
     residuals: &mut [T],
 ) {
-    for i in (0..hinge.nv()).rev() {
-        let x = residuals[i] - alpha.dot(pivots[i].column) * pivots[i].inverse;
-        hinge.add_axis(i, x, alpha);
-        residuals[i] = x;
+    if let Hinge::Revolute = hinge {
+        residuals[0] = smooth_revolute(&pivots[0], alpha, residuals[0]);
+        return;
+    }
+    let (pivots, residuals) = (&pivots[..hinge.nv()], &mut residuals[..hinge.nv()]);
+    each_component!(
+        reversed hinge,
+        |I, C| {
+            residuals[I] -= alpha.dot(pivots[I].gain);
+            alpha.add_to(C, residuals[I]);
+        },
+        {
+            residuals[0] -= alpha.dot(pivots[0].gain);
+            hinge.add_axis(0, residuals[0], alpha);
+        }
+    );
+}
+
+/// The hinge about z: θ̈ from ν.
+#[inline(always)]
+pub(crate) fn smooth_revolute<T: Scalar>(pivot: &Pivot<T>, alpha: &mut Motion<T>, nu: T) -> T {
+    let ([x, y, z], [gx, gy, _]) = (alpha.angular.0, pivot.gain.moment.0);
+    let ([a, b, c], [ga, gb, gc]) = (alpha.linear.0, pivot.gain.force.0);
+    let across = gx.fma(x, gy.fma(y, z)) + ga.fma(a, gb.fma(b, gc * c));
+    let x = nu - across;
+    alpha.angular.0[2] = z + x;
+    x
+}
+
+/// Contributions of children to bodies that come later in an inward sweep: the first child's in hand, the others' on a stack.
+#[derive(Clone, Debug)]
+pub(crate) struct Pending<X> {
+    stack: Vec<X>,
+    top: usize,
+}
+
+impl<X: Copy> Pending<X> {
+    pub(crate) fn new<C>(layout: &Layout<C>, empty: X) -> Self {
+        Pending { stack: vec![empty; layout.waiting], top: 0 }
+    }
+    pub(crate) fn clear(&mut self) {
+        self.top = 0;
+    }
+    /// What body `k`, just done, gives to its parent: kept in hand if the parent is next.
+    #[inline(always)]
+    pub(crate) fn give<C: phipsi_spatial::Real>(
+        &mut self,
+        k: usize,
+        body: &LayoutBody<C>,
+        hand: &mut X,
+        x: X,
+    ) {
+        if body.follows_parent(k) {
+            *hand = x;
+        } else if body.parent != GROUND {
+            self.stack[self.top] = x;
+            self.top += 1;
+        }
+    }
+    /// The sum of what a body's children gave; `None` at a tip.
+    #[inline(always)]
+    pub(crate) fn gather<C>(&mut self, body: &LayoutBody<C>, hand: &X, add: impl Fn(X, X) -> X) -> Option<X> {
+        if body.children == 0 {
+            return None;
+        }
+        let mut sum = *hand;
+        for _ in 1..body.children {
+            self.top -= 1;
+            sum = add(sum, self.stack[self.top]);
+        }
+        Some(sum)
     }
 }
 
 /// The factors of M(q): everything that M⁻¹ x needs.
 #[derive(Clone, Debug)]
-pub struct ArticulatedSweep<T> {
-    pub(crate) hinge: Vec<Transform<T>>,
-    pub(crate) pivots: Vec<Pivot<T>>,
-    /// P⁺ of every body, in its own frame.
-    inertia: Vec<ArticulatedInertia<T>>,
+pub struct ArticulatedSweep<T: Scalar> {
+    pub(crate) shifts: Shifts<T::Arithmetic>,
+    pub(crate) pivots: Vec<Pivot<T::Arithmetic>>,
+    pending: Pending<ArticulatedInertia<T::Arithmetic>>,
 }
 
 impl<T: Scalar> ArticulatedSweep<T> {
@@ -116,9 +269,9 @@ impl<T: Scalar> ArticulatedSweep<T> {
         layout.check_tree()?;
         check_length("q", q, layout.nq())?;
         let mut sweep = ArticulatedSweep {
-            hinge: vec![Transform::identity(); layout.len()],
+            shifts: Shifts::new(layout),
             pivots: vec![Pivot::empty(); layout.nv()],
-            inertia: vec![ArticulatedInertia::zero(); layout.len()],
+            pending: Pending::new(layout, ArticulatedInertia::zero()),
         };
         sweep.update(layout, q)?;
         Ok(sweep)
@@ -129,29 +282,15 @@ impl<T: Scalar> ArticulatedSweep<T> {
     /// As [`ArticulatedSweep::new`].
     pub fn update(&mut self, layout: &Layout<T::Constant>, q: &[T]) -> Result<(), DynamicsError> {
         check_length("q", q, layout.nq())?;
-        check_length("sweep", &self.hinge, layout.len())?;
-        for (k, body) in layout.bodies.iter().enumerate() {
-            self.hinge[k] = body.pose(q);
-            self.inertia[k] = RigidInertia::constant(&body.inertia).to_articulated();
-        }
-        for (k, body) in layout.bodies.iter().enumerate().rev() {
-            let mut P = self.inertia[k];
-            eliminate(&body.hinge, &mut P, &mut self.pivots[body.v..body.v + body.hinge.nv()])
-                .map_err(|(i, D)| layout.singular(body.v + i, D))?;
-            self.inertia[k] = P;
-            if body.parent != GROUND {
-                self.inertia[body.parent] =
-                    self.inertia[body.parent] + self.hinge[k].articulated_to_parent(&P);
-            }
-        }
-        Ok(())
+        check_length("sweep", &self.pivots, layout.nv())?;
+        T::Arithmetic::dispatch(Factor { sweep: self, layout, q: T::arithmetic(q) })
     }
     /// ln det M = Σ ln D. `ln` is taken in f64.
     pub fn log_determinant(&self) -> f64
     where
         T: phipsi_spatial::Real,
     {
-        -self.pivots.iter().map(|p| p.inverse.to_f64().ln()).sum::<f64>()
+        -self.pivots.iter().map(|p| T::from_arithmetic(p.inverse).to_f64().ln()).sum::<f64>()
     }
     /// x ← M⁻¹ x: one filter and one smoother sweep (soa.md 3.1). `x`: nv. `workspace`: one wrench and one motion a body.
     pub fn solve_in_place(
@@ -160,17 +299,8 @@ impl<T: Scalar> ArticulatedSweep<T> {
         x: &mut [T],
         workspace: &mut SolveWorkspace<T>,
     ) {
-        let SolveWorkspace { z, alpha } = workspace;
-        z.iter_mut().for_each(|z| *z = Wrench::zero());
-        for (k, body) in layout.bodies.iter().enumerate().rev() {
-            let dofs = body.v..body.v + body.hinge.nv();
-            let mut force = z[k];
-            filter(&body.hinge, &self.pivots[dofs.clone()], &mut force, &mut x[dofs]);
-            if body.parent != GROUND {
-                z[body.parent] += self.hinge[k].wrench_to_parent(force);
-            }
-        }
-        self.sweep_outboard(layout, x, alpha);
+        let x = T::arithmetic_mut(x);
+        T::Arithmetic::dispatch(Solve { sweep: self, layout, x, work: workspace });
     }
     /// x ← M^(−½) x with M^(−½) = (I − HψK)* D^(−½), so that M^(−½) M^(−*½) = M⁻¹: one smoother sweep. Deviates of unit
     /// covariance become velocities of covariance M⁻¹, the equipartition of soa.md 3.8. `x`: nv. Cost O(n), no allocation.
@@ -180,10 +310,8 @@ impl<T: Scalar> ArticulatedSweep<T> {
         x: &mut [T],
         workspace: &mut SolveWorkspace<T>,
     ) {
-        for (x, pivot) in x.iter_mut().zip(&self.pivots) {
-            *x *= pivot.inverse.sqrt();
-        }
-        self.sweep_outboard(layout, x, &mut workspace.alpha);
+        let x = T::arithmetic_mut(x);
+        T::Arithmetic::dispatch(InverseSquareRoot { sweep: self, layout, x, work: workspace });
     }
     /// x ← M^½ x with M^½ = (I + HφK) D^½, so that M^½ M^*½ = M: one inward sweep. Deviates of unit covariance become
     /// momenta of covariance M. `x`: nv. Cost O(n), no allocation.
@@ -193,47 +321,131 @@ impl<T: Scalar> ArticulatedSweep<T> {
         x: &mut [T],
         workspace: &mut SolveWorkspace<T>,
     ) {
-        let z = &mut workspace.z;
-        z.iter_mut().for_each(|z| *z = Wrench::zero());
-        for (k, body) in layout.bodies.iter().enumerate().rev() {
-            let mut force = z[k];
-            for i in 0..body.hinge.nv() {
-                let pivot = &self.pivots[body.v + i];
-                // e = D^½ x, D⁻¹ e = D^(−½) x.
-                let nu = x[body.v + i] * pivot.inverse.sqrt();
-                x[body.v + i] = nu / pivot.inverse + body.hinge.project(i, &force);
-                force += pivot.column.scale(nu);
-            }
-            if body.parent != GROUND {
-                z[body.parent] += self.hinge[k].wrench_to_parent(force);
-            }
-        }
+        let x = T::arithmetic_mut(x);
+        T::Arithmetic::dispatch(SquareRoot { sweep: self, layout, x, work: workspace });
     }
 
     /// Smoother sweep from a ground at rest: `x` holds ν before and θ̈ after.
-    fn sweep_outboard(&self, layout: &Layout<T::Constant>, x: &mut [T], alpha: &mut [Motion<T>]) {
+    #[inline(always)]
+    fn sweep_outboard(
+        &self,
+        layout: &Layout<T::Constant>,
+        x: &mut [T::Arithmetic],
+        alpha: &mut [Motion<T::Arithmetic>],
+    ) {
         for (k, body) in layout.bodies.iter().enumerate() {
             let dofs = body.v..body.v + body.hinge.nv();
             alpha[k] = if body.parent == GROUND {
                 Motion::zero()
             } else {
-                self.hinge[k].motion_to_child(alpha[body.parent])
+                self.shifts.at(k, body).motion_to_child(alpha[body.parent])
             };
             smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha[k], &mut x[dofs]);
         }
     }
 }
 
+kernel! {
+    Factor<'a, T> {
+        sweep: &'a mut ArticulatedSweep<T>,
+        layout: &'a Layout<T::Constant>,
+        q: &'a [T::Arithmetic],
+    } -> Result<(), DynamicsError> {
+        sweep.shifts.set_all(layout, q);
+        sweep.pending.clear();
+        let mut hand = ArticulatedInertia::zero();
+        for (k, body) in layout.bodies.iter().enumerate().rev() {
+            let P = with_own(body, sweep.pending.gather(body, &hand, |a, b| a + b));
+            if let Hinge::Revolute = body.hinge {
+                let pivot = revolute_pivot(&P).map_err(|(i, D)| layout.singular(body.v + i, D))?;
+                sweep.pivots[body.v] = pivot;
+                if body.parent != GROUND {
+                    let moved = body.link.eliminated_to_parent(sweep.shifts.turn(k), &P, &pivot.gain);
+                    sweep.pending.give(k, body, &mut hand, moved);
+                }
+                continue;
+            }
+            let pivots = &mut sweep.pivots[body.v..body.v + body.hinge.nv()];
+            let moved = eliminate(body, sweep.shifts.at(k, body), P, pivots)
+                .map_err(|(i, D)| layout.singular(body.v + i, D))?;
+            sweep.pending.give(k, body, &mut hand, moved);
+        }
+        Ok(())
+    }
+}
+
+kernel! {
+    Solve<'a, T> {
+        sweep: &'a ArticulatedSweep<T>,
+        layout: &'a Layout<T::Constant>,
+        x: &'a mut [T::Arithmetic],
+        work: &'a mut SolveWorkspace<T>,
+    } -> () {
+        work.pending.clear();
+        let mut hand = Wrench::zero();
+        for (k, body) in layout.bodies.iter().enumerate().rev() {
+            let dofs = body.v..body.v + body.hinge.nv();
+            let mut z = work.pending.gather(body, &hand, |a, b| a + b).unwrap_or(Wrench::zero());
+            filter(&body.hinge, &sweep.pivots[dofs.clone()], &mut z, &mut x[dofs]);
+            if body.parent != GROUND {
+                work.pending.give(k, body, &mut hand, sweep.shifts.at(k, body).wrench_to_parent(z));
+            }
+        }
+        sweep.sweep_outboard(layout, x, &mut work.alpha);
+    }
+}
+
+kernel! {
+    InverseSquareRoot<'a, T> {
+        sweep: &'a ArticulatedSweep<T>,
+        layout: &'a Layout<T::Constant>,
+        x: &'a mut [T::Arithmetic],
+        work: &'a mut SolveWorkspace<T>,
+    } -> () {
+        for (x, pivot) in x.iter_mut().zip(&sweep.pivots) {
+            *x *= pivot.inverse.sqrt();
+        }
+        sweep.sweep_outboard(layout, x, &mut work.alpha);
+    }
+}
+
+kernel! {
+    SquareRoot<'a, T> {
+        sweep: &'a ArticulatedSweep<T>,
+        layout: &'a Layout<T::Constant>,
+        x: &'a mut [T::Arithmetic],
+        work: &'a mut SolveWorkspace<T>,
+    } -> () {
+        work.pending.clear();
+        let mut hand = Wrench::zero();
+        for (k, body) in layout.bodies.iter().enumerate().rev() {
+            let mut z = work.pending.gather(body, &hand, |a, b| a + b).unwrap_or(Wrench::zero());
+            for i in 0..body.hinge.nv() {
+                let pivot = &sweep.pivots[body.v + i];
+                let epsilon = x[body.v + i] / pivot.inverse.sqrt();
+                x[body.v + i] = epsilon + body.hinge.project(i, &z);
+                z = pivot.gain.scale_add(epsilon, z);
+            }
+            if body.parent != GROUND {
+                work.pending.give(k, body, &mut hand, sweep.shifts.at(k, body).wrench_to_parent(z));
+            }
+        }
+    }
+}
+
 /// Scratch of the products of [`ArticulatedSweep`].
 #[derive(Clone, Debug)]
-pub struct SolveWorkspace<T> {
-    z: Vec<Wrench<T>>,
-    alpha: Vec<Motion<T>>,
+pub struct SolveWorkspace<T: Scalar> {
+    pending: Pending<Wrench<T::Arithmetic>>,
+    alpha: Vec<Motion<T::Arithmetic>>,
 }
 
 impl<T: Scalar> SolveWorkspace<T> {
     /// For a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
-        SolveWorkspace { z: vec![Wrench::zero(); layout.len()], alpha: vec![Motion::zero(); layout.len()] }
+        SolveWorkspace {
+            pending: Pending::new(layout, Wrench::zero()),
+            alpha: vec![Motion::zero(); layout.len()],
+        }
     }
 }

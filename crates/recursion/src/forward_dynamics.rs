@@ -10,38 +10,51 @@
 //! | b | (ω × J ω, ω × (ω × h)) − w, gyroscopic force less the external wrench | soa.md 3.0 |
 //! | α, α⁺ | acceleration of the body, and of its inboard side φ*α(p); α(ground) = (0, −g) | paper 1 (9.12)–(9.14) |
 
-use crate::articulated_sweep::{Pivot, eliminate, filter, smooth};
+use crate::articulated_sweep::{
+    Pending, Pivot, eliminate, filter, filter_revolute, revolute_pivot, smooth, smooth_revolute, with_own,
+};
 use crate::error::{DynamicsError, check_length};
+use crate::hinge::Hinge;
 use crate::inverse_dynamics::inverse_dynamics;
-use crate::kinematics::coriolis;
-use crate::layout::{GROUND, Layout};
+use crate::kernel::kernel;
+use crate::kinematics::{relative, relative_revolute};
+use crate::layout::{GROUND, Layout, Shifts};
 use crate::mass_matrix::composite_inertias;
-use phipsi_spatial::{ArticulatedInertia, Motion, Real, RigidInertia, Scalar, Transform, Vec3, Wrench};
+use num_traits::Zero;
+use phipsi_spatial::{ArticulatedInertia, Motion, Real, RigidInertia, Scalar, Vec3, Wrench};
+
+/// What the first sweep leaves of a body.
+#[derive(Clone, Copy, Debug)]
+struct Moving<T> {
+    omega: Vec3<T>,
+    /// a, zero at a root.
+    coriolis: Motion<T>,
+}
 
 /// Workspace of forward dynamics.
 #[derive(Clone, Debug)]
-pub struct ForwardDynamics<T> {
-    hinge: Vec<Transform<T>>,
-    omega: Vec<Vec3<T>>,
-    coriolis: Vec<Motion<T>>,
-    inertia: Vec<ArticulatedInertia<T>>,
-    bias: Vec<Wrench<T>>,
-    alpha: Vec<Motion<T>>,
-    pivots: Vec<Pivot<T>>,
+pub struct ForwardDynamics<T: Scalar> {
+    shifts: Shifts<T::Arithmetic>,
+    moving: Vec<Moving<T::Arithmetic>>,
+    pivots: Vec<Pivot<T::Arithmetic>>,
+    pending: Pending<(ArticulatedInertia<T::Arithmetic>, Wrench<T::Arithmetic>)>,
+    /// α of bodies with several children.
+    alpha: Vec<Motion<T::Arithmetic>>,
+    /// Minus the external wrenches, where there are any.
+    loads: Vec<Wrench<T::Arithmetic>>,
 }
 
 impl<T: Scalar> ForwardDynamics<T> {
     /// A workspace for a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
-        let n = layout.len();
+        let (n, zero) = (layout.len(), (ArticulatedInertia::zero(), Wrench::zero()));
         ForwardDynamics {
-            hinge: vec![Transform::identity(); n],
-            omega: vec![Vec3::zero(); n],
-            coriolis: vec![Motion::zero(); n],
-            inertia: vec![ArticulatedInertia::zero(); n],
-            bias: vec![Wrench::zero(); n],
-            alpha: vec![Motion::zero(); n],
+            shifts: Shifts::new(layout),
+            moving: vec![Moving { omega: Vec3::zero(), coriolis: Motion::zero() }; n],
             pivots: vec![Pivot::empty(); layout.nv()],
+            pending: Pending::new(layout, zero),
+            alpha: vec![Motion::zero(); n],
+            loads: vec![Wrench::zero(); n],
         }
     }
     /// Accelerations of generalised forces `tau` at (q, v).
@@ -75,30 +88,49 @@ impl<T: Scalar> ForwardDynamics<T> {
         check_length("v", v, layout.nv())?;
         check_length("tau", tau, layout.nv())?;
         check_length("out", out, layout.nv())?;
-        check_length("workspace", &self.bias, layout.len())?;
+        check_length("workspace", &self.moving, layout.len())?;
         if let Some(wrenches) = wrenches {
             check_length("wrenches", wrenches, layout.model_bodies())?;
+            layout.gather_loads(wrenches, &mut self.loads);
         }
-        self.sweep_velocities(layout, q, v);
-        layout.subtract_wrenches(wrenches, &mut self.bias);
         out.copy_from_slice(tau);
-        self.sweep_inboard(layout, out)?;
-        self.sweep_outboard(layout, v, out);
-        Ok(())
+        let (q, v, out) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic_mut(out));
+        T::Arithmetic::dispatch(Sweeps { work: self, layout, q, v, loaded: wrenches.is_some(), out })
     }
 
     #[inline(always)]
-    fn sweep_velocities(&mut self, layout: &Layout<T::Constant>, q: &[T], v: &[T]) {
-        for (k, body) in layout.bodies.iter().enumerate() {
-            let x = body.pose(q);
+    fn sweep_velocities(&mut self, layout: &Layout<T::Constant>, q: &[T::Arithmetic], v: &[T::Arithmetic]) {
+        let n = layout.bodies.len();
+        let moving = &mut self.moving[..n];
+        let mut previous = Vec3::zero();
+        for k in 0..n {
+            let body = &layout.bodies[k];
+            if let Hinge::Revolute = body.hinge {
+                let (turn, rate) = (body.link.turned(q[body.q]), v[body.v]);
+                self.shifts.set_turn(k, turn);
+                if body.parent == GROUND {
+                    previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);
+                    moving[k] = Moving { omega: previous, coriolis: Motion::zero() };
+                    continue;
+                }
+                let inboard = if body.follows_parent(k) { previous } else { moving[body.parent].omega };
+                let (carried, centripetal) = body.link.carried(&body.link.hinged(turn), inboard);
+                let (omega, coriolis) = relative_revolute(carried, centripetal, rate);
+                moving[k] = Moving { omega, coriolis };
+                previous = omega;
+                continue;
+            }
+            self.shifts.set(k, body, q);
             let joint = body.hinge.expand(&v[body.v..]);
-            let inboard = if body.parent == GROUND { Vec3::zero() } else { self.omega[body.parent] };
-            let omega = x.rotation.transpose_mul(inboard) + joint.angular;
-            let M = RigidInertia::constant(&body.inertia);
-            self.bias[k] = M.gyroscopic(omega);
-            self.coriolis[k] = coriolis(&x, inboard, omega, joint);
-            self.inertia[k] = M.to_articulated();
-            (self.hinge[k], self.omega[k]) = (x, omega);
+            let (omega, coriolis) = if body.parent == GROUND {
+                (joint.angular, Motion::zero())
+            } else {
+                let inboard = if body.follows_parent(k) { previous } else { moving[body.parent].omega };
+                let (carried, centripetal) = self.shifts.at(k, body).carried(inboard);
+                relative(&body.hinge, carried, centripetal, joint)
+            };
+            moving[k] = Moving { omega, coriolis };
+            previous = omega;
         }
     }
 
@@ -107,19 +139,50 @@ impl<T: Scalar> ForwardDynamics<T> {
     fn sweep_inboard(
         &mut self,
         layout: &Layout<T::Constant>,
-        residuals: &mut [T],
+        loaded: bool,
+        residuals: &mut [T::Arithmetic],
     ) -> Result<(), DynamicsError> {
-        for (k, body) in layout.bodies.iter().enumerate().rev() {
+        self.pending.clear();
+        let mut hand = (ArticulatedInertia::zero(), Wrench::zero());
+        let n = layout.bodies.len();
+        for k in (0..n).rev() {
+            let body = &layout.bodies[k];
+            let Moving { omega, coriolis } = self.moving[k];
+            let outboard = self.pending.gather(body, &hand, |a, b| (a.0 + b.0, a.1 + b.1));
+            let P = with_own(body, outboard.map(|x| x.0));
+            let mut z = RigidInertia::constant(&body.inertia).gyroscopic(omega);
+            if let Some((_, force)) = outboard {
+                z += force;
+            }
+            if loaded {
+                z += self.loads[k];
+            }
+            if let Hinge::Revolute = body.hinge {
+                if body.parent != GROUND {
+                    z += revolute_coriolis_force(&P, coriolis);
+                }
+                let pivot = revolute_pivot(&P).map_err(|(i, D)| layout.singular(body.v + i, D))?;
+                self.pivots[body.v] = pivot;
+                residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
+                if body.parent != GROUND {
+                    let turn = self.shifts.turn(k);
+                    let moved = body.link.eliminated_to_parent(turn, &P, &pivot.gain);
+                    let z = body.link.wrench_to_parent(&body.link.hinged(turn), z);
+                    self.pending.give(k, body, &mut hand, (moved, z));
+                }
+                continue;
+            }
+            if body.parent != GROUND {
+                z += P.times(coriolis);
+            }
             let dofs = body.v..body.v + body.hinge.nv();
-            let mut P = self.inertia[k];
-            let mut z = self.bias[k] + P.times(self.coriolis[k]);
             let pivots = &mut self.pivots[dofs.clone()];
-            eliminate(&body.hinge, &mut P, pivots).map_err(|(i, D)| layout.singular(body.v + i, D))?;
+            let passage = self.shifts.at(k, body);
+            let moved =
+                eliminate(body, passage, P, pivots).map_err(|(i, D)| layout.singular(body.v + i, D))?;
             filter(&body.hinge, pivots, &mut z, &mut residuals[dofs]);
             if body.parent != GROUND {
-                let x = &self.hinge[k];
-                self.bias[body.parent] += x.wrench_to_parent(z);
-                self.inertia[body.parent] = self.inertia[body.parent] + x.articulated_to_parent(&P);
+                self.pending.give(k, body, &mut hand, (moved, passage.wrench_to_parent(z)));
             }
         }
         Ok(())
@@ -127,17 +190,67 @@ impl<T: Scalar> ForwardDynamics<T> {
 
     /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after.
     #[inline(always)]
-    fn sweep_outboard(&mut self, layout: &Layout<T::Constant>, v: &[T], residuals: &mut [T]) {
+    fn sweep_outboard(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        v: &[T::Arithmetic],
+        residuals: &mut [T::Arithmetic],
+    ) {
         let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity));
-        for (k, body) in layout.bodies.iter().enumerate() {
-            let dofs = body.v..body.v + body.hinge.nv();
-            let inboard = if body.parent == GROUND { ground } else { self.alpha[body.parent] };
-            let mut alpha = self.hinge[k].motion_to_child(inboard);
-            smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
-            body.hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
-            self.alpha[k] = alpha + self.coriolis[k];
+        let mut previous = ground;
+        let n = layout.bodies.len();
+        for k in 0..n {
+            let body = &layout.bodies[k];
+            let inboard = match body.parent {
+                GROUND => ground,
+                _ if body.follows_parent(k) => previous,
+                parent => self.alpha[parent],
+            };
+            let mut alpha;
+            if let Hinge::Revolute = body.hinge {
+                let shift = body.link.hinged(self.shifts.turn(k));
+                alpha = body.link.motion_to_child(&shift, inboard);
+                residuals[body.v] = smooth_revolute(&self.pivots[body.v], &mut alpha, residuals[body.v]);
+            } else {
+                let dofs = body.v..body.v + body.hinge.nv();
+                alpha = self.shifts.at(k, body).motion_to_child(inboard);
+                smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
+                body.hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
+            }
+            alpha += self.moving[k].coriolis;
+            if body.children > 1 {
+                self.alpha[k] = alpha;
+            }
+            previous = alpha;
         }
     }
+}
+
+kernel! {
+    Sweeps<'a, T> {
+        work: &'a mut ForwardDynamics<T>,
+        layout: &'a Layout<T::Constant>,
+        q: &'a [T::Arithmetic],
+        v: &'a [T::Arithmetic],
+        loaded: bool,
+        out: &'a mut [T::Arithmetic],
+    } -> Result<(), DynamicsError> {
+        work.sweep_velocities(layout, q, v);
+        work.sweep_inboard(layout, loaded, out)?;
+        work.sweep_outboard(layout, v, out);
+        Ok(())
+    }
+}
+
+/// P a, where a hinge about z has no a along it.
+#[inline(always)]
+fn revolute_coriolis_force<T: Scalar>(P: &ArticulatedInertia<T>, a: Motion<T>) -> Wrench<T> {
+    let (J, C) = (&P.inertia, &P.coupling);
+    let [x, y, _] = a.angular.0;
+    let (cx, cy) = (C.row(0), C.row(1));
+    let angular = Vec3([J.xx.fma(x, J.xy * y), J.xy.fma(x, J.yy * y), J.xz.fma(x, J.yz * y)]);
+    let across = Vec3([cx.dot(a.linear), cy.dot(a.linear), C.row(2).dot(a.linear)]);
+    Wrench::new(angular + across, cx.scale_add(x, cy.scale_add(y, P.mass * a.linear)))
 }
 
 /// [`ForwardDynamics::run`] for a single call.
@@ -203,7 +316,7 @@ pub fn forward_info<T: Real>(
             let column = body.v + i;
             let mut f = R[k].momentum(body.hinge.axis(i));
             let own = body.hinge.project(i, &f);
-            let ratio = (sweep.pivots[column].inverse * own).recip().to_f64();
+            let ratio = (T::from_arithmetic(sweep.pivots[column].inverse) * own).recip().to_f64();
             if worst.is_none_or(|(_, smallest)| ratio < smallest) {
                 worst = Some((column, ratio));
             }

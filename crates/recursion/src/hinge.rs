@@ -34,6 +34,43 @@ pub enum Hinge<C> {
     Free,
 }
 
+/// Does a step for every degree of freedom `i` of a hinge, in order or `reversed`; `$c` is its component of a six-vector, a
+/// constant in each copy of the step, so that components are registers and not memory. Helical joints, whose axis has two
+/// components, are left to `$helical`.
+macro_rules! each_component {
+    ($hinge:expr, |$i:ident, $c:ident| $step:expr, $helical:expr) => {
+        each_component!(@ $hinge, $i, $c, $step, $helical,
+            [(0, 2), (1, 5)], [(0, 2), (1, 3), (2, 4)], [(0, 3), (1, 4), (2, 5)], [(0, 0), (1, 1), (2, 2)],
+            [(0, 0), (1, 1), (2, 2), (3, 3), (4, 4), (5, 5)])
+    };
+    (reversed $hinge:expr, |$i:ident, $c:ident| $step:expr, $helical:expr) => {
+        each_component!(@ $hinge, $i, $c, $step, $helical,
+            [(1, 5), (0, 2)], [(2, 4), (1, 3), (0, 2)], [(2, 5), (1, 4), (0, 3)], [(2, 2), (1, 1), (0, 0)],
+            [(5, 5), (4, 4), (3, 3), (2, 2), (1, 1), (0, 0)])
+    };
+    (@ $hinge:expr, $i:ident, $c:ident, $step:expr, $helical:expr,
+        $cylindrical:tt, $planar:tt, $translation:tt, $spherical:tt, $free:tt) => {
+        match $hinge {
+            $crate::hinge::Hinge::Revolute => each_component!(@@ $i, $c, $step, [(0, 2)]),
+            $crate::hinge::Hinge::Prismatic => each_component!(@@ $i, $c, $step, [(0, 5)]),
+            $crate::hinge::Hinge::Helical { .. } => $helical,
+            $crate::hinge::Hinge::Cylindrical => each_component!(@@ $i, $c, $step, $cylindrical),
+            $crate::hinge::Hinge::Planar => each_component!(@@ $i, $c, $step, $planar),
+            $crate::hinge::Hinge::Translation => each_component!(@@ $i, $c, $step, $translation),
+            $crate::hinge::Hinge::Spherical => each_component!(@@ $i, $c, $step, $spherical),
+            $crate::hinge::Hinge::Free => each_component!(@@ $i, $c, $step, $free),
+        }
+    };
+    (@@ $i:ident, $c:ident, $step:expr, [$(($n:literal, $component:literal)),*]) => {{
+        $({
+            const $i: usize = $n;
+            const $c: usize = $component;
+            $step
+        })*
+    }};
+}
+pub(crate) use each_component;
+
 impl<C> Hinge<C> {
     /// Components of a six-vector (angular first) that the joint's degrees of freedom are, in the order of v.
     #[inline(always)]

@@ -8,18 +8,27 @@
 //! | f | M α + b − w + Σ φ(k,c) f(c), force across the joint | paper 1 (5.1), paper 2 (3.6) |
 //! | T | H f, generalised force | paper 1 |
 
+use crate::articulated_sweep::Pending;
 use crate::error::{DynamicsError, check_length};
-use crate::kinematics::coriolis;
-use crate::layout::{GROUND, Layout};
-use phipsi_spatial::{Motion, Scalar, Transform, Vec3, Wrench};
+use crate::hinge::{Hinge, each_component};
+use crate::kernel::kernel;
+use crate::kinematics::relative;
+use crate::layout::{GROUND, Layout, Shifts};
+use phipsi_spatial::{Motion, RigidInertia, Scalar, Vec3, Wrench};
+
+/// ω and α of a body.
+type Moving<T> = (Vec3<T>, Motion<T>);
 
 /// Workspace of inverse dynamics.
 #[derive(Clone, Debug)]
-pub struct InverseDynamics<T> {
-    hinge: Vec<Transform<T>>,
-    omega: Vec<Vec3<T>>,
-    acceleration: Vec<Motion<T>>,
-    force: Vec<Wrench<T>>,
+pub struct InverseDynamics<T: Scalar> {
+    shifts: Shifts<T::Arithmetic>,
+    /// Motion of bodies with several children.
+    moving: Vec<Moving<T::Arithmetic>>,
+    /// f, before what comes from outboard.
+    force: Vec<Wrench<T::Arithmetic>>,
+    pending: Pending<Wrench<T::Arithmetic>>,
+    loads: Vec<Wrench<T::Arithmetic>>,
 }
 
 impl<T: Scalar> InverseDynamics<T> {
@@ -27,10 +36,11 @@ impl<T: Scalar> InverseDynamics<T> {
     pub fn new(layout: &Layout<T::Constant>) -> Self {
         let n = layout.len();
         InverseDynamics {
-            hinge: vec![Transform::identity(); n],
-            omega: vec![Vec3::zero(); n],
-            acceleration: vec![Motion::zero(); n],
+            shifts: Shifts::new(layout),
+            moving: vec![(Vec3::zero(), Motion::zero()); n],
             force: vec![Wrench::zero(); n],
+            pending: Pending::new(layout, Wrench::zero()),
+            loads: vec![Wrench::zero(); n],
         }
     }
     /// Generalised forces of accelerations `a` at (q, v).
@@ -63,47 +73,89 @@ impl<T: Scalar> InverseDynamics<T> {
         check_length("workspace", &self.force, layout.len())?;
         if let Some(wrenches) = wrenches {
             check_length("wrenches", wrenches, layout.model_bodies())?;
+            layout.gather_loads(wrenches, &mut self.loads);
         }
-        self.sweep_outboard(layout, q, v, a);
-        layout.subtract_wrenches(wrenches, &mut self.force);
-        self.sweep_inboard(layout, out);
+        let (q, v, a) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic(a));
+        let out = T::arithmetic_mut(out);
+        T::Arithmetic::dispatch(Sweeps { work: self, layout, q, v, a, loaded: wrenches.is_some(), out });
         Ok(())
     }
 
     #[inline(always)]
-    fn sweep_outboard(&mut self, layout: &Layout<T::Constant>, q: &[T], v: &[T], a: &[T]) {
-        let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity));
-        for (k, body) in layout.bodies.iter().enumerate() {
-            let x = body.pose(q);
+    fn sweep_outboard(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        q: &[T::Arithmetic],
+        v: &[T::Arithmetic],
+        a: &[T::Arithmetic],
+    ) {
+        let ground = (Vec3::zero(), Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity)));
+        let mut previous = ground;
+        let n = layout.bodies.len();
+        for k in 0..n {
+            let body = &layout.bodies[k];
+            self.shifts.set(k, body, q);
+            let passage = self.shifts.at(k, body);
             let joint = body.hinge.expand(&v[body.v..]);
-            let (inboard, inboard_acceleration) = if body.parent == GROUND {
-                (Vec3::zero(), ground)
-            } else {
-                (self.omega[body.parent], self.acceleration[body.parent])
+            let inboard = match body.parent {
+                GROUND => ground,
+                _ if body.follows_parent(k) => previous,
+                parent => self.moving[parent],
             };
-            let omega = x.rotation.transpose_mul(inboard) + joint.angular;
-            let alpha = x.motion_to_child(inboard_acceleration)
-                + body.hinge.expand(&a[body.v..])
-                + body.hinge.turning(&v[body.v..])
-                + coriolis(&x, inboard, omega, joint);
-            let M = phipsi_spatial::RigidInertia::constant(&body.inertia);
+            let mut alpha = passage.motion_to_child(inboard.1) + body.hinge.expand(&a[body.v..]);
+            if matches!(body.hinge, Hinge::Planar | Hinge::Free) {
+                alpha += body.hinge.turning(&v[body.v..]);
+            }
+            let omega = if body.parent == GROUND {
+                joint.angular
+            } else {
+                let (carried, centripetal) = passage.carried(inboard.0);
+                let (omega, coriolis) = relative(&body.hinge, carried, centripetal, joint);
+                alpha += coriolis;
+                omega
+            };
+            let M = RigidInertia::constant(&body.inertia);
             self.force[k] = M.momentum(alpha) + M.gyroscopic(omega);
-            (self.hinge[k], self.omega[k], self.acceleration[k]) = (x, omega, alpha);
+            previous = (omega, alpha);
+            if body.children > 1 {
+                self.moving[k] = previous;
+            }
         }
     }
 
     #[inline(always)]
-    fn sweep_inboard(&mut self, layout: &Layout<T::Constant>, out: &mut [T]) {
-        for (k, body) in layout.bodies.iter().enumerate().rev() {
-            let f = self.force[k];
-            for i in 0..body.hinge.nv() {
-                out[body.v + i] = body.hinge.project(i, &f);
+    fn sweep_inboard(&mut self, layout: &Layout<T::Constant>, loaded: bool, out: &mut [T::Arithmetic]) {
+        self.pending.clear();
+        let mut hand = Wrench::zero();
+        let n = layout.bodies.len();
+        for k in (0..n).rev() {
+            let body = &layout.bodies[k];
+            let own = self.force[k];
+            let mut f = self.pending.gather(body, &hand, |a, b| a + b).map_or(own, |f| f + own);
+            if loaded {
+                f += self.loads[k];
             }
+            let along = &mut out[body.v..body.v + body.hinge.nv()];
+            each_component!(body.hinge, |I, C| along[I] = f.get(C), along[0] = body.hinge.project(0, &f));
             if body.parent != GROUND {
-                let shifted = self.hinge[k].wrench_to_parent(f);
-                self.force[body.parent] += shifted;
+                self.pending.give(k, body, &mut hand, self.shifts.at(k, body).wrench_to_parent(f));
             }
         }
+    }
+}
+
+kernel! {
+    Sweeps<'a, T> {
+        work: &'a mut InverseDynamics<T>,
+        layout: &'a Layout<T::Constant>,
+        q: &'a [T::Arithmetic],
+        v: &'a [T::Arithmetic],
+        a: &'a [T::Arithmetic],
+        loaded: bool,
+        out: &'a mut [T::Arithmetic],
+    } -> () {
+        work.sweep_outboard(layout, q, v, a);
+        work.sweep_inboard(layout, loaded, out);
     }
 }
 

@@ -11,6 +11,7 @@
 //! v × ω of the bodies' speed: error ε |v| |ω|, where here only speeds relative to the parent enter.
 
 use crate::error::{DynamicsError, check_length};
+use crate::hinge::Hinge;
 use crate::layout::{GROUND, Layout};
 use phipsi_spatial::{Motion, Scalar, Transform, Vec3};
 
@@ -26,6 +27,43 @@ pub(crate) fn coriolis<T: Scalar>(
     let carried = own - joint.angular;
     let centripetal = x.rotation.transpose_mul(inboard.cross(inboard.cross(x.translation)));
     Motion::new(carried.cross(joint.angular), centripetal + (carried + carried).cross(joint.linear))
+}
+
+/// ω and a(k) of a body on a joint with the velocity `joint`, from what its parent's turning gives it: `carried` = Rᵀ ω_p and
+/// `centripetal` = Rᵀ (ω_p × (ω_p × l)).
+#[inline(always)]
+pub(crate) fn relative<T: Scalar>(
+    hinge: &Hinge<T::Constant>,
+    carried: Vec3<T>,
+    centripetal: Vec3<T>,
+    joint: Motion<T>,
+) -> (Vec3<T>, Motion<T>) {
+    let [x, y, _] = carried.0;
+    let (rate, speed) = (joint.angular.0[2], joint.linear.0[2]);
+    match hinge {
+        Hinge::Revolute => relative_revolute(carried, centripetal, rate),
+        Hinge::Prismatic => {
+            let twice = speed + speed;
+            let [a, b, c] = centripetal.0;
+            (carried, Motion::new(Vec3::zero(), Vec3([y.fma(twice, a), (-x).fma(twice, b), c])))
+        }
+        _ => {
+            let linear = centripetal + (carried + carried).cross(joint.linear);
+            (carried + joint.angular, Motion::new(carried.cross(joint.angular), linear))
+        }
+    }
+}
+
+/// The same for a hinge about z.
+#[inline(always)]
+pub(crate) fn relative_revolute<T: Scalar>(
+    carried: Vec3<T>,
+    centripetal: Vec3<T>,
+    rate: T,
+) -> (Vec3<T>, Motion<T>) {
+    let [x, y, z] = carried.0;
+    let turned = Vec3([y * rate, -(x * rate), T::zero()]);
+    (Vec3([x, y, z + rate]), Motion::new(turned, centripetal))
 }
 
 /// α of a frame fixed to a body, whose pose in the body's frame is `x`.

@@ -1,14 +1,20 @@
 //! The compiled form of a model that the sweeps run on.
 //!
 //! Fixed joints are fused into the body that carries them; a universal joint becomes two hinges with a massless body
-//! between; frames are turned so that every joint axis is a coordinate axis (z for one-axis joints). Each body of the
-//! model keeps its pose in the layout body that carries it, so results come back in the user's frames and names.
+//! between; frames are turned so that every joint axis is a coordinate axis (z for one-axis joints), and about that axis so
+//! that the passage to one child needs one turn less ([`crate::link`]). Each body of the model keeps its pose in the layout
+//! body that carries it, so results come back in the user's frames and names.
+//!
+//! Bodies are stored depth first: a body's first child follows it, and what a sweep carries from body to body stays in
+//! registers; of several children the one with most bodies outboard comes last, so that what waits for a branching body is
+//! a stack of at most log₂ n entries.
 
 use crate::error::DynamicsError;
 use crate::hinge::Hinge;
+use crate::link::{Link, Shift};
 use phipsi_model::joint::rotation_from_z;
 use phipsi_model::{JointKind, Model};
-use phipsi_spatial::{Mat3, Real, RigidInertia, Scalar, Transform, Vec3, Wrench};
+use phipsi_spatial::{Axis, Mat3, Motion, Real, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench};
 
 /// Marks the ground as a parent or carrier.
 pub const GROUND: usize = usize::MAX;
@@ -18,6 +24,8 @@ pub const GROUND: usize = usize::MAX;
 pub struct LayoutBody<C> {
     /// Index of its parent, or [`GROUND`].
     pub parent: usize,
+    /// Number of its children.
+    pub(crate) children: usize,
     /// Its inboard joint.
     pub hinge: Hinge<C>,
     /// First position coordinate, in the model's q.
@@ -25,7 +33,9 @@ pub struct LayoutBody<C> {
     /// First degree of freedom, in the model's v.
     pub v: usize,
     /// Joint frame in the parent's frame at q = 0.
-    pub placement: Transform<C>,
+    pub(crate) link: Link<C>,
+    /// Place among the bodies on ball and free joints.
+    pub(crate) general: usize,
     /// Inertia of the body and all that is fused to it, about its origin.
     pub inertia: RigidInertia<C>,
 }
@@ -34,7 +44,132 @@ impl<C: Real> LayoutBody<C> {
     /// Pose of the body in its parent at coordinates `q` of the whole model.
     #[inline(always)]
     pub fn pose<T: Scalar<Constant = C>>(&self, q: &[T]) -> Transform<T> {
-        self.hinge.transform(&self.placement, &q[self.q..])
+        let (shift, general) = self.link.at(&self.hinge, &q[self.q..]);
+        general.unwrap_or_else(|| self.link.pose(&shift))
+    }
+    /// Pose of the joint frame in the parent's frame: the body's pose at q = 0.
+    pub fn placement(&self) -> Transform<C> {
+        self.link.placement()
+    }
+    /// True for ball and free joints.
+    #[inline(always)]
+    pub(crate) fn is_general(&self) -> bool {
+        matches!(self.hinge, Hinge::Spherical | Hinge::Free)
+    }
+    /// True if the parent of body `k` is stored just before it.
+    #[inline(always)]
+    pub(crate) fn follows_parent(&self, k: usize) -> bool {
+        self.parent.wrapping_add(1) == k && self.parent != GROUND
+    }
+}
+
+/// φ(p, k) of all bodies at one configuration.
+#[derive(Clone, Debug)]
+pub(crate) struct Shifts<T> {
+    shift: Vec<Shift<T>>,
+    general: Vec<Transform<T>>,
+}
+
+impl<T: Scalar> Shifts<T> {
+    pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
+        let general = layout.bodies.iter().filter(|b| b.is_general()).count();
+        Shifts {
+            shift: layout.bodies.iter().map(|b| b.link.at_rest()).collect(),
+            general: vec![Transform::identity(); general],
+        }
+    }
+    #[inline(always)]
+    pub(crate) fn set(&mut self, k: usize, body: &LayoutBody<T::Constant>, q: &[T]) {
+        if let Hinge::Revolute = body.hinge {
+            self.shift[k].turn = body.link.turned(q[body.q]);
+            return;
+        }
+        let (shift, general) = body.link.at(&body.hinge, &q[body.q..]);
+        self.shift[k] = shift;
+        if let Some(pose) = general {
+            self.general[body.general] = pose;
+        }
+    }
+    #[inline(always)]
+    pub(crate) fn set_all(&mut self, layout: &Layout<T::Constant>, q: &[T]) {
+        for (k, body) in layout.bodies.iter().enumerate() {
+            self.set(k, body, q);
+        }
+    }
+    /// The turn of a body on a hinge.
+    #[inline(always)]
+    pub(crate) fn turn(&self, k: usize) -> Turn<T> {
+        self.shift[k].turn
+    }
+    #[inline(always)]
+    pub(crate) fn set_turn(&mut self, k: usize, turn: Turn<T>) {
+        self.shift[k].turn = turn;
+    }
+    pub(crate) fn all(&self) -> &[Shift<T>] {
+        &self.shift
+    }
+    /// The shift of body `k`.
+    #[inline(always)]
+    pub(crate) fn at<'a>(&'a self, k: usize, body: &'a LayoutBody<T::Constant>) -> Passage<'a, T> {
+        let general = if body.is_general() { Some(&self.general[body.general]) } else { None };
+        Passage { body, shift: &self.shift[k], general }
+    }
+}
+
+/// φ(p, k) of one body.
+#[derive(Clone, Copy)]
+pub(crate) struct Passage<'a, T: Scalar> {
+    body: &'a LayoutBody<T::Constant>,
+    pub(crate) shift: &'a Shift<T>,
+    general: Option<&'a Transform<T>>,
+}
+
+impl<T: Scalar> Passage<'_, T> {
+    /// φ f.
+    #[inline(always)]
+    pub(crate) fn wrench_to_parent(&self, f: Wrench<T>) -> Wrench<T> {
+        match self.general {
+            Some(x) => x.wrench_to_parent(f),
+            None => self.body.link.wrench_to_parent(self.shift, f),
+        }
+    }
+    /// φ* V.
+    #[inline(always)]
+    pub(crate) fn motion_to_child(&self, v: Motion<T>) -> Motion<T> {
+        match self.general {
+            Some(x) => x.motion_to_child(v),
+            None => self.body.link.motion_to_child(self.shift, v),
+        }
+    }
+    /// Rᵀ ω and Rᵀ (ω × (ω × l)) of the parent's ω.
+    #[inline(always)]
+    pub(crate) fn carried(&self, omega: Vec3<T>) -> (Vec3<T>, Vec3<T>) {
+        match self.general {
+            Some(x) => {
+                let centripetal = omega.cross(omega.cross(x.translation));
+                (x.rotation.transpose_mul(omega), x.rotation.transpose_mul(centripetal))
+            }
+            None => self.body.link.carried(self.shift, omega),
+        }
+    }
+    /// φ P φ*.
+    #[inline(always)]
+    pub(crate) fn articulated_to_parent(
+        &self,
+        P: &phipsi_spatial::ArticulatedInertia<T>,
+    ) -> phipsi_spatial::ArticulatedInertia<T> {
+        match self.general {
+            Some(x) => x.articulated_to_parent(P),
+            None => self.body.link.articulated_to_parent(self.shift, P),
+        }
+    }
+    /// φ M φ*.
+    #[inline(always)]
+    pub(crate) fn rigid_to_parent(&self, M: &RigidInertia<T>) -> RigidInertia<T> {
+        match self.general {
+            Some(x) => x.rigid_to_parent(M),
+            None => self.body.link.rigid_to_parent(self.shift, M),
+        }
     }
 }
 
@@ -54,6 +189,10 @@ pub struct Carrier<C> {
 pub struct Layout<C = f64> {
     pub(crate) bodies: Vec<LayoutBody<C>>,
     pub(crate) carriers: Vec<Carrier<C>>,
+    /// Most contributions that wait at once for their branching body, tip to base.
+    pub(crate) waiting: usize,
+    /// Degrees of freedom of every body and all outboard of it.
+    pub(crate) outboard_dofs: Vec<usize>,
     pub(crate) gravity: Vec3<C>,
     nq: usize,
     nv: usize,
@@ -64,7 +203,7 @@ pub struct Layout<C = f64> {
 impl<C: Real> Layout<C> {
     /// Compiles a model. Cost O(n).
     pub fn new(model: &Model) -> Self {
-        let mut bodies: Vec<LayoutBody<C>> = Vec::new();
+        let mut bodies: Vec<Raw<C>> = Vec::new();
         let mut carriers: Vec<Carrier<C>> = Vec::with_capacity(model.len());
         for k in 0..model.len() {
             let joint = &model.joints()[k];
@@ -75,14 +214,8 @@ impl<C: Real> Layout<C> {
             let frame = inboard.compose(&joint.placement.to_transform());
             let (q, v) = (model.q_offset(k), model.v_offset(k));
             let mut push = |parent: usize, hinge: Hinge<C>, placement: Transform<C>, first: usize| {
-                bodies.push(LayoutBody {
-                    parent,
-                    hinge,
-                    q: q + first,
-                    v: v + first,
-                    placement,
-                    inertia: RigidInertia::zero(),
-                });
+                let (q, v) = (q + first, v + first);
+                bodies.push(Raw { parent, hinge, q, v, placement, inertia: RigidInertia::zero() });
                 bodies.len() - 1
             };
             let along = |axis: [f64; 3]| rotation_from_z(Vec3::<C>::splat(axis));
@@ -116,9 +249,18 @@ impl<C: Real> Layout<C> {
         let refused = model
             .refused_closure()
             .map(|c| DynamicsError::Closure { joint: c.joint.clone(), source: c.source.clone() });
+        let (bodies, waiting) = arrange(&bodies, &mut carriers);
+        let mut outboard_dofs: Vec<usize> = bodies.iter().map(|b| b.hinge.nv()).collect();
+        for (k, body) in bodies.iter().enumerate().rev() {
+            if body.parent != GROUND {
+                outboard_dofs[body.parent] += outboard_dofs[k];
+            }
+        }
         Layout {
             bodies,
             carriers,
+            waiting,
+            outboard_dofs,
             gravity: Vec3::splat(model.gravity()),
             nq: model.nq(),
             nv: model.nv(),
@@ -177,19 +319,126 @@ impl<C: Real> Layout<C> {
     pub(crate) fn check_tree(&self) -> Result<(), DynamicsError> {
         self.refused.clone().map_or(Ok(()), Err)
     }
-    /// −= the user's external wrenches (one per body of the model, its frame), each at its carrier.
-    #[inline(always)]
-    pub(crate) fn subtract_wrenches<T: Scalar<Constant = C>>(
+    /// Minus the user's external wrenches (one per body of the model, its frame), each at its carrier.
+    pub(crate) fn gather_loads<T: Scalar<Constant = C>>(
         &self,
-        wrenches: Option<&[Wrench<T>]>,
-        forces: &mut [Wrench<T>],
+        wrenches: &[Wrench<T>],
+        loads: &mut [Wrench<T::Arithmetic>],
     ) {
-        for (carrier, wrench) in self.carriers.iter().zip(wrenches.unwrap_or_default()) {
+        loads.iter_mut().for_each(|w| *w = Wrench::zero());
+        for (carrier, wrench) in self.carriers.iter().zip(wrenches) {
             if carrier.body != GROUND {
-                forces[carrier.body] -= Transform::constant(&carrier.pose).wrench_to_parent(*wrench);
+                let wrench = wrench.map(T::to_arithmetic);
+                loads[carrier.body] -= Transform::constant(&carrier.pose).wrench_to_parent(wrench);
             }
         }
     }
+}
+
+/// A body before frames are turned and the order is chosen.
+struct Raw<C> {
+    parent: usize,
+    hinge: Hinge<C>,
+    q: usize,
+    v: usize,
+    placement: Transform<C>,
+    inertia: RigidInertia<C>,
+}
+
+/// Order, frames and links. Carriers follow. Returns also how many contributions wait at once.
+fn arrange<C: Real>(raw: &[Raw<C>], carriers: &mut [Carrier<C>]) -> (Vec<LayoutBody<C>>, usize) {
+    let (order, heaviest) = depth_first(raw);
+    let mut place = vec![GROUND; raw.len()];
+    order.iter().enumerate().for_each(|(new, &old)| place[old] = new);
+    let mut links: Vec<Link<C>> = raw.iter().map(|b| Link::new(&b.placement)).collect();
+    // A body on an axis along z may be turned about it: away goes the first turn to its heaviest child.
+    let mut turned = vec![Turn::none(); raw.len()];
+    for (k, body) in raw.iter().enumerate() {
+        let free = matches!(
+            body.hinge,
+            Hinge::Revolute | Hinge::Prismatic | Hinge::Helical { .. } | Hinge::Cylindrical
+        );
+        if free && heaviest[k] != GROUND {
+            turned[k] = links[heaviest[k]].first();
+        }
+    }
+    for (k, body) in raw.iter().enumerate() {
+        if body.parent != GROUND && turned[body.parent] != Turn::none() {
+            links[k] = if heaviest[body.parent] == k {
+                links[k].without_first()
+            } else {
+                links[k].with_parent_turned(turned[body.parent])
+            };
+        }
+        if turned[k] != Turn::none() {
+            links[k] = links[k].with_body_turned(turned[k]);
+        }
+    }
+    let into = |turn: Turn<C>| Turn { cos: turn.cos, sin: -turn.sin };
+    for carrier in carriers.iter_mut().filter(|c| c.body != GROUND) {
+        let turn = turned[carrier.body];
+        if turn != Turn::none() {
+            let columns = [0, 1, 2].map(|j| turn.down(Axis::Z, carrier.pose.rotation.column(j)));
+            let rotation = Mat3::from_columns(columns[0], columns[1], columns[2]);
+            carrier.pose = Transform::new(rotation, turn.down(Axis::Z, carrier.pose.translation));
+        }
+        carrier.body = place[carrier.body];
+    }
+    let mut general = 0;
+    let mut bodies: Vec<LayoutBody<C>> = Vec::with_capacity(raw.len());
+    for &old in &order {
+        let b = &raw[old];
+        let parent = if b.parent == GROUND { GROUND } else { place[b.parent] };
+        if parent != GROUND {
+            bodies[parent].children += 1;
+        }
+        let inertia = match turned[old] {
+            turn if turn == Turn::none() => b.inertia,
+            turn => into(turn).rigid_up(Axis::Z, &b.inertia),
+        };
+        let (children, link) = (0, links[old]);
+        let body = LayoutBody { parent, children, hinge: b.hinge, q: b.q, v: b.v, link, general, inertia };
+        general += usize::from(body.is_general());
+        bodies.push(body);
+    }
+    let (mut waiting, mut most) = (0usize, 0);
+    for (k, body) in bodies.iter().enumerate().rev() {
+        waiting -= body.children.saturating_sub(1);
+        if body.parent != GROUND && !body.follows_parent(k) {
+            waiting += 1;
+            most = most.max(waiting);
+        }
+    }
+    (bodies, most)
+}
+
+/// Depth-first order, lighter subtrees first; and the heaviest child of every body.
+fn depth_first<C>(raw: &[Raw<C>]) -> (Vec<usize>, Vec<usize>) {
+    let n = raw.len();
+    let mut size = vec![1usize; n];
+    let mut children: Vec<Vec<usize>> = vec![Vec::new(); n];
+    let mut roots = Vec::new();
+    for (k, body) in raw.iter().enumerate().rev() {
+        match body.parent {
+            GROUND => roots.push(k),
+            p => {
+                size[p] += size[k];
+                children[p].push(k);
+            }
+        }
+    }
+    let mut heaviest = vec![GROUND; n];
+    for (k, list) in children.iter_mut().enumerate() {
+        // In decreasing order: the stack below takes the last, the lightest, first. Stable, so that equals keep their order.
+        list.sort_by_key(|&c| std::cmp::Reverse(size[c]));
+        heaviest[k] = list.first().copied().unwrap_or(GROUND);
+    }
+    let (mut order, mut stack) = (Vec::with_capacity(n), roots);
+    while let Some(k) = stack.pop() {
+        order.push(k);
+        stack.extend(&children[k]);
+    }
+    (order, heaviest)
 }
 
 fn turn<C: Scalar>(frame: &Transform<C>, rotation: &Mat3<C>) -> Transform<C> {

@@ -25,6 +25,8 @@
 #![allow(non_snake_case)]
 
 pub mod articulated_sweep;
+pub mod batch;
+mod columns;
 pub mod energy;
 pub mod error;
 pub mod form;
@@ -34,8 +36,10 @@ pub mod hinge_check;
 pub mod inverse_dynamics;
 pub mod jacobian;
 pub mod joint_reactions;
+mod kernel;
 pub mod kinematics;
 pub mod layout;
+mod link;
 pub mod mass_matrix;
 pub mod mass_matrix_inverse;
 pub mod momentum;
@@ -55,7 +59,7 @@ pub use jacobian::jacobian;
 pub use joint_reactions::joint_reactions;
 pub use kinematics::{Kinematics, body_pose, body_velocity};
 pub use layout::Layout;
-pub use mass_matrix::mass_matrix;
+pub use mass_matrix::{MassMatrix, mass_matrix};
 pub use mass_matrix_inverse::{mass_matrix_inverse, solve_mass_matrix};
 pub use momentum::{About, centroidal_momentum_matrix, momentum};
 pub use refined_forward_dynamics::{RefinedForwardDynamics, refined_forward_dynamics};

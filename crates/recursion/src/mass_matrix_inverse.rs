@@ -7,6 +7,7 @@
 use crate::articulated_sweep::{ArticulatedSweep, SolveWorkspace, filter, smooth};
 use crate::error::{DynamicsError, check_length};
 use crate::layout::{GROUND, Layout};
+use num_traits::{One, Zero};
 use phipsi_spatial::{Motion, Scalar, Wrench};
 
 /// M⁻¹ x in O(n). `q`: nq; `x`: nv.
@@ -36,19 +37,19 @@ pub fn mass_matrix_inverse<T: Scalar>(
     let sweep = ArticulatedSweep::new(layout, q)?;
     let nv = layout.nv();
     let mut matrix = vec![T::zero(); nv * nv];
-    let mut residuals = vec![T::zero(); nv];
+    let mut residuals = vec![T::Arithmetic::zero(); nv];
     let mut alpha = vec![Motion::zero(); layout.len()];
     for (k, body) in layout.bodies.iter().enumerate() {
         for i in 0..body.hinge.nv() {
-            residuals.iter_mut().for_each(|x| *x = T::zero());
-            residuals[body.v + i] = T::one();
+            residuals.iter_mut().for_each(|x| *x = T::Arithmetic::zero());
+            residuals[body.v + i] = T::Arithmetic::one();
             // Filter along the path from k to the base: everywhere else z and ν are zero.
             let (mut at, mut z) = (k, Wrench::zero());
             while at != GROUND {
                 let b = &layout.bodies[at];
                 let dofs = b.v..b.v + b.hinge.nv();
                 filter(&b.hinge, &sweep.pivots[dofs.clone()], &mut z, &mut residuals[dofs]);
-                z = sweep.hinge[at].wrench_to_parent(z);
+                z = sweep.shifts.at(at, b).wrench_to_parent(z);
                 at = b.parent;
             }
             for (j, b) in layout.bodies.iter().enumerate() {
@@ -56,14 +57,15 @@ pub fn mass_matrix_inverse<T: Scalar>(
                 alpha[j] = if b.parent == GROUND {
                     Motion::zero()
                 } else {
-                    sweep.hinge[j].motion_to_child(alpha[b.parent])
+                    sweep.shifts.at(j, b).motion_to_child(alpha[b.parent])
                 };
                 smooth(&b.hinge, &sweep.pivots[dofs.clone()], &mut alpha[j], &mut residuals[dofs]);
             }
             let row = body.v + i;
             for column in row..nv {
-                matrix[row * nv + column] = residuals[column];
-                matrix[column * nv + row] = residuals[column];
+                let entry = T::from_arithmetic(residuals[column]);
+                matrix[row * nv + column] = entry;
+                matrix[column * nv + row] = entry;
             }
         }
     }

@@ -147,6 +147,7 @@ impl PartialOrd for Dd {
 impl Scalar for Dd {
     type Constant = Dd;
     const LANES: usize = 1;
+    crate::arithmetic_is_self!();
     fn splat(x: f64) -> Self {
         Dd::from_f64(x)
     }

@@ -90,6 +90,21 @@ impl<T: Scalar> ArticulatedInertia<T> {
     pub fn zero() -> Self {
         ArticulatedInertia { inertia: Sym3::zero(), coupling: Mat3::zero(), mass: Sym3::zero() }
     }
+    /// P + M, in the entries that M has.
+    #[inline(always)]
+    pub fn plus_rigid(&self, m: &RigidInertia<T>) -> Self {
+        let ([x, y, z], [a, b, c]) = (m.first_moment.0, self.coupling.0);
+        let s = &self.mass;
+        ArticulatedInertia {
+            inertia: self.inertia + m.inertia,
+            coupling: Mat3([
+                [a[0], a[1] - z, a[2] + y],
+                [b[0] + z, b[1], b[2] - x],
+                [c[0] - y, c[1] + x, c[2]],
+            ]),
+            mass: Sym3 { xx: s.xx + m.mass, yy: s.yy + m.mass, zz: s.zz + m.mass, ..*s },
+        }
+    }
     /// P V.
     #[inline(always)]
     pub fn times(&self, v: Motion<T>) -> Wrench<T> {
@@ -115,6 +130,18 @@ impl<T: Scalar> ArticulatedInertia<T> {
         for i in 0..3 {
             let row = Vec3(self.coupling.0[i]) + u.force.scale(s * u.moment.0[i]);
             self.coupling.0[i] = row.0;
+        }
+    }
+    /// P −= a bᵀ, where a is a multiple of b.
+    #[inline(always)]
+    pub fn subtract_outer(&mut self, a: Wrench<T>, b: Wrench<T>) {
+        let (am, af) = (-a.moment, -a.force);
+        self.inertia.add_product(am, b.moment);
+        self.mass.add_product(af, b.force);
+        for i in 0..3 {
+            for j in 0..3 {
+                self.coupling.0[i][j] = am.0[i].fma(b.force.0[j], self.coupling.0[i][j]);
+            }
         }
     }
     /// The full 6×6 matrix, angular first.

@@ -7,18 +7,25 @@
 //! The three-vectors and matrices here are ours because lanes of a SIMD register must stay inlined through them;
 //! nalgebra serves everything dense above.
 
+// Kernels carry the papers' symbols: P, J, C.
+#![allow(non_snake_case)]
+
 pub mod double_double;
 pub mod inertia;
+pub mod lanes;
 pub mod quaternion;
 pub mod scalar;
+mod sin_cos;
 pub mod six;
 pub mod transform;
+pub mod turn;
 pub mod vector;
 
 pub use double_double::Dd;
 pub use inertia::{ArticulatedInertia, RigidInertia};
 pub use quaternion::Quaternion;
-pub use scalar::{Real, Scalar};
+pub use scalar::{Kernel, Real, Scalar};
 pub use six::{Motion, Wrench};
 pub use transform::Transform;
+pub use turn::{Axis, Turn};
 pub use vector::{Mat3, Sym3, Vec3};

@@ -4,6 +4,7 @@
 //! model broadcast from [`Scalar::Constant`]. Lanes of a SIMD register and dual numbers can be scalars; they have
 //! no order. [`Real`] adds what code with branches needs: comparison and inverse trigonometry.
 
+use crate::lanes::{Fused, fused, fused_mut};
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use num_traits::{One, Zero};
@@ -30,8 +31,24 @@ pub trait Scalar:
 {
     /// The number type in which constants of the model (masses, lengths) are kept for this scalar.
     type Constant: Real;
+    /// What kernels on this scalar compute with: for f64 the same numbers with fused multiplications
+    /// ([`crate::lanes::Fused`]), for all others the type itself ([`crate::arithmetic_is_self`]).
+    type Arithmetic: Scalar<Constant = Self::Constant, Arithmetic = Self::Arithmetic>;
     /// States carried at once: 1 for plain numbers.
     const LANES: usize;
+    /// The number, to compute with.
+    fn to_arithmetic(self) -> Self::Arithmetic;
+    /// The number that was computed.
+    fn from_arithmetic(x: Self::Arithmetic) -> Self;
+    /// The same numbers, to compute with.
+    fn arithmetic(x: &[Self]) -> &[Self::Arithmetic];
+    /// The same numbers, to compute with.
+    fn arithmetic_mut(x: &mut [Self]) -> &mut [Self::Arithmetic];
+    /// Runs a kernel compiled for the instructions that this scalar's operations need.
+    #[inline(always)]
+    fn dispatch<K: Kernel>(kernel: K) -> K::Output {
+        kernel.run()
+    }
     /// The same f64 in every lane, exactly.
     fn splat(x: f64) -> Self;
     /// A constant of the model, in every lane.
@@ -48,6 +65,40 @@ pub trait Scalar:
     fn is_positive(self) -> bool;
     /// The smallest lane, rounded to f64: what an error message prints.
     fn min_lane(self) -> f64;
+}
+
+/// A calculation to be compiled for the instructions of its scalar. `run` and everything that it calls down to the scalar's
+/// operators must be `#[inline(always)]`: a function left out of line is compiled without them, right but many times slower.
+/// (A closure would do in place of a type, but cannot be made to inline.)
+pub trait Kernel {
+    /// What it returns.
+    type Output;
+    /// The calculation.
+    fn run(self) -> Self::Output;
+}
+
+/// Inside an implementation of [`Scalar`]: kernels compute with the type itself.
+#[macro_export]
+macro_rules! arithmetic_is_self {
+    () => {
+        type Arithmetic = Self;
+        #[inline(always)]
+        fn to_arithmetic(self) -> Self {
+            self
+        }
+        #[inline(always)]
+        fn from_arithmetic(x: Self) -> Self {
+            x
+        }
+        #[inline(always)]
+        fn arithmetic(x: &[Self]) -> &[Self] {
+            x
+        }
+        #[inline(always)]
+        fn arithmetic_mut(x: &mut [Self]) -> &mut [Self] {
+            x
+        }
+    };
 }
 
 /// An ordered real scalar.
@@ -73,10 +124,11 @@ pub trait Real: Scalar<Constant = Self> + PartialOrd {
 }
 
 macro_rules! float_scalar {
-    ($t:ty) => {
+    ($t:ty, $($arithmetic:tt)*) => {
         impl Scalar for $t {
             type Constant = $t;
             const LANES: usize = 1;
+            $($arithmetic)*
             #[inline(always)]
             fn splat(x: f64) -> Self {
                 x as $t
@@ -85,7 +137,7 @@ macro_rules! float_scalar {
             fn constant(x: $t) -> Self {
                 x
             }
-            // `mul_add` without the processor's instruction is a library call; see the crate's SIMD levels.
+            // `mul_add` without the processor's instruction is a library call: `lanes::Fused` is for kernels.
             #[inline(always)]
             fn fma(self, a: Self, b: Self) -> Self {
                 self * a + b
@@ -121,5 +173,24 @@ macro_rules! float_scalar {
         }
     };
 }
-float_scalar!(f64);
-float_scalar!(f32);
+float_scalar! { f32, crate::arithmetic_is_self!(); }
+float_scalar! {
+    f64,
+    type Arithmetic = Fused;
+    #[inline(always)]
+    fn to_arithmetic(self) -> Fused {
+        Fused(self)
+    }
+    #[inline(always)]
+    fn from_arithmetic(x: Fused) -> f64 {
+        x.0
+    }
+    #[inline(always)]
+    fn arithmetic(x: &[f64]) -> &[Fused] {
+        fused(x)
+    }
+    #[inline(always)]
+    fn arithmetic_mut(x: &mut [f64]) -> &mut [Fused] {
+        fused_mut(x)
+    }
+}

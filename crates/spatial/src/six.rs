@@ -62,6 +62,17 @@ macro_rules! six_vector {
             pub fn scale(self, s: T) -> Self {
                 Self::new(self.$top.scale(s), self.$bottom.scale(s))
             }
+            /// s times the vector, plus b.
+            #[inline(always)]
+            pub fn scale_add(self, s: T, b: Self) -> Self {
+                Self::new(self.$top.scale_add(s, b.$top), self.$bottom.scale_add(s, b.$bottom))
+            }
+            /// Each component by `f`.
+            #[inline(always)]
+            pub fn map<U: Scalar>(self, f: impl Fn(T) -> U) -> $name<U> {
+                let ([a, b, c], [d, e, g]) = (self.$top.0, self.$bottom.0);
+                $name { $top: Vec3([f(a), f(b), f(c)]), $bottom: Vec3([f(d), f(e), f(g)]) }
+            }
             /// The six components, angular first.
             #[inline(always)]
             pub fn to_array(self) -> [T; 6] {
@@ -116,7 +127,9 @@ impl<T: Scalar> Motion<T> {
     /// Power of a wrench on this motion: ω·n + v·f.
     #[inline(always)]
     pub fn dot(self, f: Wrench<T>) -> T {
-        self.angular.dot(f.moment) + self.linear.dot(f.force)
+        let ([a, b, c], [d, e, g]) = (self.angular.0, self.linear.0);
+        let ([x, y, z], [u, v, w]) = (f.moment.0, f.force.0);
+        a.fma(x, b.fma(y, c * z)) + d.fma(u, e.fma(v, g * w))
     }
     /// Motion cross product `crm(V) X`: the rate of a motion X that is constant in a frame moving with V.
     #[inline(always)]

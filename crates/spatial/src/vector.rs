@@ -59,7 +59,22 @@ impl<T: Scalar> Vec3<T> {
     #[inline(always)]
     pub fn cross(self, b: Self) -> Self {
         let ([a0, a1, a2], [b0, b1, b2]) = (self.0, b.0);
-        Vec3([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
+        Vec3([a1.fma(b2, -(a2 * b1)), a2.fma(b0, -(a0 * b2)), a0.fma(b1, -(a1 * b0))])
+    }
+    /// a × b + c.
+    #[inline(always)]
+    pub fn cross_add(self, b: Self, c: Self) -> Self {
+        let ([a0, a1, a2], [b0, b1, b2], c) = (self.0, b.0, c.0);
+        Vec3([
+            a1.fma(b2, (-a2).fma(b1, c[0])),
+            a2.fma(b0, (-a0).fma(b2, c[1])),
+            a0.fma(b1, (-a1).fma(b0, c[2])),
+        ])
+    }
+    /// s a + b.
+    #[inline(always)]
+    pub fn scale_add(self, s: T, b: Self) -> Self {
+        Vec3([self.0[0].fma(s, b.0[0]), self.0[1].fma(s, b.0[1]), self.0[2].fma(s, b.0[2])])
     }
     /// s a.
     #[inline(always)]
@@ -121,12 +136,14 @@ impl<T: Scalar> Mat3<T> {
     /// Constants of the model, in every lane.
     #[inline(always)]
     pub fn constant(m: &Mat3<T::Constant>) -> Self {
-        Mat3([0, 1, 2].map(|i| Vec3::constant(Vec3(m.0[i])).0))
+        let [a, b, c] = m.0;
+        Mat3([Vec3::constant(Vec3(a)).0, Vec3::constant(Vec3(b)).0, Vec3::constant(Vec3(c)).0])
     }
     /// The matrix with these columns.
     #[inline(always)]
     pub fn from_columns(a: Vec3<T>, b: Vec3<T>, c: Vec3<T>) -> Self {
-        Mat3([0, 1, 2].map(|i| [a.0[i], b.0[i], c.0[i]]))
+        let ([a0, a1, a2], [b0, b1, b2], [c0, c1, c2]) = (a.0, b.0, c.0);
+        Mat3([[a0, b0, c0], [a1, b1, c1], [a2, b2, c2]])
     }
     /// The j-th column.
     #[inline(always)]
@@ -157,7 +174,7 @@ impl<T: Scalar> Mat3<T> {
     /// s A.
     #[inline(always)]
     pub fn scale(&self, s: T) -> Self {
-        Mat3(self.0.map(|r| Vec3(r).scale(s).0))
+        Mat3([self.row(0).scale(s).0, self.row(1).scale(s).0, self.row(2).scale(s).0])
     }
 }
 
@@ -179,14 +196,14 @@ impl<T: Scalar> Add for Mat3<T> {
     type Output = Self;
     #[inline(always)]
     fn add(self, b: Self) -> Self {
-        Mat3([0, 1, 2].map(|i| (self.row(i) + b.row(i)).0))
+        Mat3([(self.row(0) + b.row(0)).0, (self.row(1) + b.row(1)).0, (self.row(2) + b.row(2)).0])
     }
 }
 impl<T: Scalar> Sub for Mat3<T> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, b: Self) -> Self {
-        Mat3([0, 1, 2].map(|i| (self.row(i) - b.row(i)).0))
+        Mat3([(self.row(0) - b.row(0)).0, (self.row(1) - b.row(1)).0, (self.row(2) - b.row(2)).0])
     }
 }
 
@@ -236,8 +253,14 @@ impl<T: Scalar> Sym3<T> {
     #[inline(always)]
     pub fn rotate(&self, r: &Mat3<T>) -> Self {
         let rs = *r * self.to_mat3();
-        let at = |i: usize, j: usize| rs.row(i).dot(r.row(j));
-        Sym3 { xx: at(0, 0), xy: at(0, 1), xz: at(0, 2), yy: at(1, 1), yz: at(1, 2), zz: at(2, 2) }
+        Sym3 {
+            xx: rs.row(0).dot(r.row(0)),
+            xy: rs.row(0).dot(r.row(1)),
+            xz: rs.row(0).dot(r.row(2)),
+            yy: rs.row(1).dot(r.row(1)),
+            yz: rs.row(1).dot(r.row(2)),
+            zz: rs.row(2).dot(r.row(2)),
+        }
     }
     /// S += s (a bᵀ + b aᵀ)/2 with a = b: the symmetric rank-one update s a aᵀ.
     #[inline(always)]
@@ -250,6 +273,17 @@ impl<T: Scalar> Sym3<T> {
         self.yy += sy * y;
         self.yz += sy * z;
         self.zz += sz * z;
+    }
+    /// S += a bᵀ, where a is a multiple of b.
+    #[inline(always)]
+    pub fn add_product(&mut self, a: Vec3<T>, b: Vec3<T>) {
+        let ([a0, a1, a2], [b0, b1, b2]) = (a.0, b.0);
+        self.xx = a0.fma(b0, self.xx);
+        self.xy = a0.fma(b1, self.xy);
+        self.xz = a0.fma(b2, self.xz);
+        self.yy = a1.fma(b1, self.yy);
+        self.yz = a1.fma(b2, self.yz);
+        self.zz = a2.fma(b2, self.zz);
     }
     /// The inertia matrix m (|c|² I − c cᵀ) of a point mass at c.
     #[inline(always)]

@@ -1,0 +1,202 @@
+//! phipsi's side of `python -m validation.speed`: times the kernels on the states that it is given.
+//!
+//! MODEL is `FILE.urdf` or `FILE.urdf#LINK` (the link of the Jacobian), or `chain:N`, a chain made here. STATES-FILE may be
+//! `random:COUNT`. The operations are the arms of [`Program::operation`].
+
+mod protocol;
+
+use phipsi::model::{Base, Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random};
+use phipsi::prelude::{Mimic, UrdfOptions, read_urdf_file};
+use phipsi::recursion::{
+    ForwardDynamics, InverseDynamics, Layout, MassMatrix, centroidal_momentum_matrix, jacobian,
+    mass_matrix_inverse,
+};
+use protocol::{Call, Failure, Operation, Program, States, serve};
+
+struct Open {
+    model: Model,
+    layout: Layout<f64>,
+    /// The body whose Jacobian is taken.
+    target: Option<usize>,
+}
+
+impl Open {
+    fn new(model: Model, target: Option<usize>) -> Self {
+        let layout = Layout::new(&model);
+        Open { model, layout, target }
+    }
+}
+
+impl Program for Open {
+    fn open(name: &str) -> Result<Self, Failure> {
+        if let Some(n) = name.strip_prefix("chain:") {
+            return Ok(Open::new(chain(n.parse()?)?, None));
+        }
+        let (path, link) = name.split_once('#').unwrap_or((name, ""));
+        let options = UrdfOptions { base: Base::Fixed, mimic: Mimic::Free };
+        let (model, _) = read_urdf_file(path, &options).into_result(false)?;
+        let target = if link.is_empty() { None } else { model.find_body(link)? };
+        Ok(Open::new(model, target))
+    }
+
+    fn states(&self, name: &str) -> Option<States> {
+        let count = name.strip_prefix("random:")?.parse().ok()?;
+        let mut rows: [Vec<f64>; 4] = Default::default();
+        for seed in 0..count as u64 {
+            let state = self.model.random_state(seed);
+            let mut random = Random::new(seed);
+            rows[0].extend(state.q);
+            rows[1].extend(state.v);
+            rows[2].extend((0..self.model.nv()).map(|_| random.signed()));
+            rows[3].extend((0..self.model.nv()).map(|_| random.signed()));
+        }
+        Some(States::new(count, self.model.nq(), self.model.nv(), rows))
+    }
+
+    fn operation<'a>(&'a self, name: &str, s: &'a States) -> Result<Option<Operation<'a>>, Failure> {
+        let (layout, nv) = (&self.layout, self.model.nv());
+        if s.dimensions() != (self.model.nq(), nv) {
+            return Err("the states have other dimensions than the model".into());
+        }
+        let one = |size: usize, call: Call<'a>| Operation { size, batch: false, call };
+        Ok(Some(match name {
+            "forward_dynamics" => {
+                let mut workspace = ForwardDynamics::new(layout);
+                one(
+                    nv,
+                    Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), s.v(i), s.tau(i), None, out)?)),
+                )
+            }
+            "inverse_dynamics" => {
+                let mut workspace = InverseDynamics::new(layout);
+                one(nv, Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), s.v(i), s.a(i), None, out)?)))
+            }
+            "mass_matrix" => {
+                let mut workspace = MassMatrix::new(layout);
+                one(nv * nv, Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), out)?)))
+            }
+            "mass_matrix_inverse" => one(
+                nv * nv,
+                Box::new(move |i, out| {
+                    out.copy_from_slice(&mass_matrix_inverse(layout, s.q(i))?);
+                    Ok(())
+                }),
+            ),
+            "jacobian" => {
+                one(6 * nv, Box::new(move |i, out| rows(out, &jacobian(layout, s.q(i), self.target, None)?)))
+            }
+            "centroidal" => {
+                one(6 * nv, Box::new(move |i, out| rows(out, &centroidal_momentum_matrix(layout, s.q(i))?)))
+            }
+            _ => return Ok(None),
+        }))
+    }
+}
+
+/// Writes the rows of a matrix one after another.
+fn rows(out: &mut [f64], matrix: &[Vec<f64>; 6]) -> Result<(), Failure> {
+    let n = matrix[0].len();
+    for (i, row) in matrix.iter().enumerate() {
+        out[i * n..][..n].copy_from_slice(row);
+    }
+    Ok(())
+}
+
+/// n equal rods on revolute joints whose axes turn from joint to joint.
+fn chain(n: usize) -> Result<Model, Failure> {
+    let rod = Inertia::from_principal(1.0, [0.0, 0.0, 0.05], [0.01, 0.012, 0.004]);
+    let mut builder = ModelBuilder::new("chain");
+    let mut parent = "world".to_owned();
+    for i in 0..n {
+        let name = format!("link{i}");
+        let placement = Placement::from_xyz_rpy([0.0, 0.0, if i == 0 { 0.0 } else { 0.1 }], [1.1, 0.4, 0.0]);
+        let joint =
+            Joint::new(format!("joint{i}"), JointKind::Revolute { axis: [0.0, 0.0, 1.0] }).at(placement);
+        builder = builder.body(Body::new(name.as_str(), rod)).joint(joint, &parent, &name);
+        parent = name;
+    }
+    Ok(builder.build()?)
+}
+
+fn main() -> Result<(), Failure> {
+    serve::<Open>()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use phipsi::recursion::{forward_dynamics, inverse_dynamics};
+    use protocol::reply;
+
+    /// The answers to questions, in one session.
+    fn session(lines: &[&str]) -> Vec<String> {
+        let mut open = None;
+        lines
+            .iter()
+            .map(|line| reply::<Open>(&mut open, line).unwrap_or_else(|reason| format!("error: {reason}")))
+            .collect()
+    }
+
+    fn result(answer: &str) -> Vec<f64> {
+        let numbers = answer.strip_prefix("result ").expect("a result").split(' ');
+        numbers.map(|x| x.parse().expect("a number")).collect()
+    }
+
+    #[test]
+    fn results_are_the_kernels() {
+        let open = Open::open("chain:5").expect("a chain");
+        let s = open.states("random:3").expect("states");
+        let answers = session(&[
+            "chain:5 forward_dynamics random:3 -2",
+            "chain:5 inverse_dynamics random:3 0",
+            // States are cycled.
+            "chain:5 forward_dynamics random:3 -5",
+        ]);
+        let forward = forward_dynamics(&open.layout, s.q(2), s.v(2), s.tau(2), None).expect("accelerations");
+        let inverse = inverse_dynamics(&open.layout, s.q(0), s.v(0), s.a(0), None).expect("forces");
+        assert_eq!(result(&answers[0]), forward);
+        assert_eq!(result(&answers[1]), inverse);
+        assert_eq!(answers[2], answers[0]);
+    }
+
+    #[test]
+    fn times_are_positive_and_checksums_those_of_the_last_call() {
+        let answers = session(&["chain:5 mass_matrix random:3 3", "chain:5 mass_matrix random:3 -2"]);
+        let (ns, sum) = answers[0].split_once(' ').expect("two numbers");
+        assert!(ns.parse::<f64>().expect("a time") > 0.0);
+        assert_eq!(sum.parse::<f64>().expect("a sum"), result(&answers[1]).iter().sum::<f64>());
+    }
+
+    #[test]
+    fn every_operation_has_its_size() {
+        for (operation, size) in [
+            ("forward_dynamics", 5),
+            ("inverse_dynamics", 5),
+            ("mass_matrix", 25),
+            ("mass_matrix_inverse", 25),
+            ("jacobian", 30),
+            ("centroidal", 30),
+        ] {
+            let answer = session(&[&format!("chain:5 {operation} random:1 0")]);
+            assert_eq!(result(&answer[0]).len(), size, "{operation}");
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_is_answered_in_words() {
+        let answers = session(&[
+            "chain:5 flying random:3 1",
+            "nowhere.urdf forward_dynamics random:3 1",
+            "chain:5 forward_dynamics nowhere 1",
+            "chain:5 forward_dynamics random:3",
+            "chain:5 forward_dynamics random:3 many",
+            "chain:x forward_dynamics random:3 1",
+            "chain:5 forward_dynamics random:0 1",
+            "chain:5 forward_dynamics random:3 0",
+        ]);
+        assert_eq!(answers[0], "unsupported");
+        assert!(answers[1..7].iter().all(|a| a.starts_with("error: ")), "{answers:?}");
+        // The session goes on.
+        assert_eq!(result(&answers[7]).len(), 5);
+    }
+}

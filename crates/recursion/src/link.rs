@@ -1,0 +1,395 @@
+//! The passage from a body to its parent through one joint: φ(p, k), as turns about z, x, z and one shift.
+//!
+//! | symbol | meaning | source |
+//! |---|---|---|
+//! | R | Z(θ₀) X(α) Z(q + θ₁): axes of the body in the parent's; Z, X turn about a coordinate axis | |
+//! | l | origin of the body in the parent, before Z(θ₀) | |
+//! | φ(p, k) | Z(θ₀) ∘ shift by l ∘ X(α) ∘ Z(q + θ₁) | soa.md 3.0 |
+//!
+//! The layout turns each body about its joint axis so that θ₀ vanishes for one of its children, and marks α = 0 and
+//! α = ±90°, which cost nothing. Ball and free joints pass through a general rotation.
+
+use crate::hinge::Hinge;
+use phipsi_spatial::turn::{shift_coupling, shift_inertia};
+use phipsi_spatial::{
+    ArticulatedInertia, Axis, Mat3, Motion, Quaternion, Real, RigidInertia, Scalar, Sym3, Transform, Turn,
+    Vec3, Wrench,
+};
+
+/// Angles that cost less than others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Twist {
+    /// α = 0.
+    Straight,
+    /// α = 90°.
+    Quarter,
+    /// α = −90°.
+    BackQuarter,
+    /// Any other.
+    Oblique,
+}
+
+/// Pose of a joint frame in the parent's frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Link<C> {
+    first: Turn<C>,
+    twist: Turn<C>,
+    last: Turn<C>,
+    offset: Vec3<C>,
+    shape: Twist,
+    has_first: bool,
+}
+
+/// A link at one configuration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shift<T> {
+    /// Z(q + θ₁).
+    pub(crate) turn: Turn<T>,
+    /// l with what the joint displaces.
+    offset: Vec3<T>,
+}
+
+impl<T: Scalar> Shift<T> {
+    /// The identity.
+    #[inline(always)]
+    pub fn identity() -> Self {
+        Shift { turn: Turn::none(), offset: Vec3::zero() }
+    }
+}
+
+impl<C: Real> Link<C> {
+    /// From the joint frame's pose at q = 0.
+    pub fn new(placement: &Transform<C>) -> Self {
+        let r = &placement.rotation.0;
+        // Third column: (sin θ₀ sin α, −cos θ₀ sin α, cos α).
+        let sine = (r[0][2] * r[0][2] + r[1][2] * r[1][2]).sqrt();
+        let rounding = C::splat(4.0 * C::EPSILON);
+        let first =
+            if sine > rounding { Turn { cos: -r[1][2] / sine, sin: r[0][2] / sine } } else { Turn::none() };
+        Self::with_first(placement, first)
+    }
+    /// With θ₀ given: exact to rounding for any θ₀ whose line is right, also where α hardly differs from 0.
+    fn with_first(placement: &Transform<C>, first: Turn<C>) -> Self {
+        let columns = [0, 1, 2].map(|j| first.down(Axis::Z, placement.rotation.column(j)));
+        // X(α) Z(θ₁): first row (cos θ₁, −sin θ₁, 0), last column (0, −sin α, cos α).
+        let last = unit(columns[0].0[0], -columns[1].0[0]);
+        let mut twist = unit(columns[2].0[2], -columns[2].0[1]);
+        let rounding = C::splat(4.0 * C::EPSILON);
+        let shape = if twist.sin.abs() <= rounding && twist.cos > C::zero() {
+            twist = Turn::none();
+            Twist::Straight
+        } else if twist.cos.abs() <= rounding {
+            let quarter = twist.sin > C::zero();
+            twist = Turn { cos: C::zero(), sin: if quarter { C::one() } else { -C::one() } };
+            if quarter { Twist::Quarter } else { Twist::BackQuarter }
+        } else {
+            Twist::Oblique
+        };
+        Link {
+            first,
+            twist,
+            last,
+            offset: first.down(Axis::Z, placement.translation),
+            shape,
+            has_first: first != Turn::none(),
+        }
+    }
+    /// θ₀.
+    pub(crate) fn first(&self) -> Turn<C> {
+        self.first
+    }
+    /// The same link after the parent's frame was turned by its own θ₀ about z.
+    pub(crate) fn without_first(mut self) -> Self {
+        (self.first, self.has_first) = (Turn::none(), false);
+        self
+    }
+    /// The same link after the parent's frame was turned by `turn` about z.
+    pub(crate) fn with_parent_turned(self, turn: Turn<C>) -> Self {
+        let back = Turn { cos: turn.cos, sin: -turn.sin };
+        let first = self.first.then(back);
+        // Sums of angles have no rounding to hide where the twist is straight: all goes to the last turn.
+        if self.shape == Twist::Straight {
+            let mut link = self.without_first();
+            link.last = first.then(self.last);
+            link.offset = first.up(Axis::Z, self.offset);
+            return link;
+        }
+        Link { first, has_first: first != Turn::none(), ..self }
+    }
+    /// The same link after the body's own frame was turned by `turn` about z.
+    pub(crate) fn with_body_turned(self, turn: Turn<C>) -> Self {
+        Link { last: self.last.then(turn), ..self }
+    }
+    /// Pose of the joint frame in the parent's frame at q = 0.
+    pub fn placement(&self) -> Transform<C> {
+        let columns = [0, 1, 2].map(|i| self.vector_up(self.last, Vec3::unit(i)));
+        let all = columns.map(|c| self.first_up(c));
+        Transform::new(Mat3::from_columns(all[0], all[1], all[2]), self.first_up(self.offset))
+    }
+    /// The link at q = 0: what a hinge about z keeps of it at all angles is the offset.
+    pub(crate) fn at_rest<T: Scalar<Constant = C>>(&self) -> Shift<T> {
+        self.hinged(Turn::constant(&self.last))
+    }
+    /// Z(q + θ₁).
+    #[inline(always)]
+    pub(crate) fn turned<T: Scalar<Constant = C>>(&self, q: T) -> Turn<T> {
+        Turn::by(q).then(Turn::constant(&self.last))
+    }
+    /// The link of a hinge about z that is turned.
+    #[inline(always)]
+    pub(crate) fn hinged<T: Scalar<Constant = C>>(&self, turn: Turn<T>) -> Shift<T> {
+        Shift { turn, offset: Vec3::constant(self.offset) }
+    }
+    /// The link at coordinates `q` of its own joint, and for a joint that turns about no fixed axis the pose itself.
+    #[inline(always)]
+    pub(crate) fn at<T: Scalar<Constant = C>>(
+        &self,
+        hinge: &Hinge<C>,
+        q: &[T],
+    ) -> (Shift<T>, Option<Transform<T>>) {
+        let offset = Vec3::constant(self.offset);
+        let last = Turn::constant(&self.last);
+        let shift = match hinge {
+            Hinge::Revolute => self.hinged(self.turned(q[0])),
+            Hinge::Prismatic => Shift { turn: last, offset: offset + self.axis::<T>().scale(q[0]) },
+            Hinge::Helical { pitch } => Shift {
+                turn: Turn::by(q[0]).then(last),
+                offset: offset + self.axis::<T>().scale(T::constant(*pitch) * q[0]),
+            },
+            Hinge::Cylindrical => {
+                Shift { turn: Turn::by(q[0]).then(last), offset: offset + self.axis::<T>().scale(q[1]) }
+            }
+            Hinge::Planar => Shift {
+                turn: Turn::by(q[2]).then(last),
+                offset: offset + self.vector_up(last, Vec3([q[0], q[1], T::zero()])),
+            },
+            Hinge::Translation => {
+                Shift { turn: last, offset: offset + self.vector_up(last, Vec3([q[0], q[1], q[2]])) }
+            }
+            Hinge::Spherical => {
+                let r = Quaternion([q[0], q[1], q[2], q[3]]).to_rotation();
+                return (Shift::identity(), Some(self.general(&r, offset)));
+            }
+            Hinge::Free => {
+                let r = Quaternion([q[3], q[4], q[5], q[6]]).to_rotation();
+                let moved = offset + self.vector_up(last, Vec3([q[0], q[1], q[2]]));
+                return (Shift::identity(), Some(self.general(&r, moved)));
+            }
+        };
+        (shift, None)
+    }
+    /// The joint's axis, before Z(θ₀).
+    #[inline(always)]
+    fn axis<T: Scalar<Constant = C>>(&self) -> Vec3<T> {
+        Vec3([T::zero(), -T::constant(self.twist.sin), T::constant(self.twist.cos)])
+    }
+    #[inline(always)]
+    fn general<T: Scalar<Constant = C>>(&self, r: &Mat3<T>, offset: Vec3<T>) -> Transform<T> {
+        let last = Turn::constant(&self.last);
+        let x = self.first_up(self.vector_up(last, r.column(0)));
+        let y = self.first_up(self.vector_up(last, r.column(1)));
+        let z = self.first_up(self.vector_up(last, r.column(2)));
+        Transform::new(Mat3::from_columns(x, y, z), self.first_up(offset))
+    }
+    /// The pose of the body in its parent.
+    #[inline(always)]
+    pub(crate) fn pose<T: Scalar<Constant = C>>(&self, shift: &Shift<T>) -> Transform<T> {
+        let (Turn { cos, sin }, o) = (shift.turn, T::zero());
+        let x = self.first_up(self.twist_up(Vec3([cos, sin, o])));
+        let y = self.first_up(self.twist_up(Vec3([-sin, cos, o])));
+        let z = self.first_up(self.axis());
+        Transform::new(Mat3::from_columns(x, y, z), self.first_up(shift.offset))
+    }
+
+    #[inline(always)]
+    fn twist_up<T: Scalar<Constant = C>>(&self, v: Vec3<T>) -> Vec3<T> {
+        let [x, y, z] = v.0;
+        match self.shape {
+            Twist::Straight => v,
+            Twist::Quarter => Vec3([x, -z, y]),
+            Twist::BackQuarter => Vec3([x, z, -y]),
+            Twist::Oblique => Turn::constant(&self.twist).up(Axis::X, v),
+        }
+    }
+    #[inline(always)]
+    fn twist_down<T: Scalar<Constant = C>>(&self, v: Vec3<T>) -> Vec3<T> {
+        let [x, y, z] = v.0;
+        match self.shape {
+            Twist::Straight => v,
+            Twist::Quarter => Vec3([x, z, -y]),
+            Twist::BackQuarter => Vec3([x, -z, y]),
+            Twist::Oblique => Turn::constant(&self.twist).down(Axis::X, v),
+        }
+    }
+    #[inline(always)]
+    fn vector_up<T: Scalar<Constant = C>>(&self, turn: Turn<T>, v: Vec3<T>) -> Vec3<T> {
+        self.twist_up(turn.up(Axis::Z, v))
+    }
+    #[inline(always)]
+    fn vector_down<T: Scalar<Constant = C>>(&self, turn: Turn<T>, v: Vec3<T>) -> Vec3<T> {
+        turn.down(Axis::Z, self.twist_down(v))
+    }
+    #[inline(always)]
+    fn first_up<T: Scalar<Constant = C>>(&self, v: Vec3<T>) -> Vec3<T> {
+        if self.has_first { Turn::constant(&self.first).up(Axis::Z, v) } else { v }
+    }
+    #[inline(always)]
+    fn first_down<T: Scalar<Constant = C>>(&self, v: Vec3<T>) -> Vec3<T> {
+        if self.has_first { Turn::constant(&self.first).down(Axis::Z, v) } else { v }
+    }
+    /// φ(p, k) f.
+    #[inline(always)]
+    pub(crate) fn wrench_to_parent<T: Scalar<Constant = C>>(
+        &self,
+        shift: &Shift<T>,
+        f: Wrench<T>,
+    ) -> Wrench<T> {
+        let force = self.vector_up(shift.turn, f.force);
+        let moment = shift.offset.cross_add(force, self.vector_up(shift.turn, f.moment));
+        Wrench::new(self.first_up(moment), self.first_up(force))
+    }
+    /// φ*(p, k) V.
+    #[inline(always)]
+    pub(crate) fn motion_to_child<T: Scalar<Constant = C>>(
+        &self,
+        shift: &Shift<T>,
+        v: Motion<T>,
+    ) -> Motion<T> {
+        let angular = self.first_down(v.angular);
+        let linear = angular.cross_add(shift.offset, self.first_down(v.linear));
+        Motion::new(self.vector_down(shift.turn, angular), self.vector_down(shift.turn, linear))
+    }
+    /// Rᵀ ω and Rᵀ (ω × (ω × l)): what the parent's turning gives the body.
+    #[inline(always)]
+    pub(crate) fn carried<T: Scalar<Constant = C>>(
+        &self,
+        shift: &Shift<T>,
+        omega: Vec3<T>,
+    ) -> (Vec3<T>, Vec3<T>) {
+        let omega = self.first_down(omega);
+        let centripetal = omega.cross(omega.cross(shift.offset));
+        (self.vector_down(shift.turn, omega), self.vector_down(shift.turn, centripetal))
+    }
+    /// φ(p, k) P φ*(p, k).
+    #[inline(always)]
+    pub(crate) fn articulated_to_parent<T: Scalar<Constant = C>>(
+        &self,
+        shift: &Shift<T>,
+        P: &ArticulatedInertia<T>,
+    ) -> ArticulatedInertia<T> {
+        let turned = shift.turn.articulated_up(Axis::Z, P);
+        let twisted = match self.shape {
+            Twist::Straight => turned,
+            Twist::Quarter => quarter(&turned),
+            Twist::BackQuarter => back_quarter(&turned),
+            Twist::Oblique => Turn::constant(&self.twist).articulated_up(Axis::X, &turned),
+        };
+        self.first_articulated(twisted.shifted(shift.offset))
+    }
+    /// φ(p, k) (P − G H P) φ*(p, k) for a hinge about z, whose column of P is U and gain G = (gx, gy, 1, g).
+    ///
+    /// Block after block, mass first, so that few numbers are in use at once.
+    #[inline(always)]
+    pub(crate) fn eliminated_to_parent<T: Scalar<Constant = C>>(
+        &self,
+        turn: Turn<T>,
+        P: &ArticulatedInertia<T>,
+        gain: &Wrench<T>,
+    ) -> ArticulatedInertia<T> {
+        let (J, C) = (&P.inertia, &P.coupling.0);
+        let (ux, uy, force) = (J.xz, J.yz, Vec3(C[2]));
+        let ([gx, gy, _], g) = (gain.moment.0, gain.force);
+        let offset = Vec3::constant(self.offset);
+        let mut mass = P.mass;
+        mass.add_product(-g, force);
+        let mass = self.twist_symmetric(&turn.symmetric_up(Axis::Z, &mass));
+        let rows = [force.scale_add(-gx, Vec3(C[0])).0, force.scale_add(-gy, Vec3(C[1])).0];
+        let rows = turn.flat_coupling_z(rows);
+        let ([x, y], o) = (rows, T::zero());
+        let coupling = match self.shape {
+            Twist::Straight => Mat3([x, y, [o; 3]]),
+            Twist::Quarter => Mat3([[x[0], -x[2], x[1]], [o; 3], [y[0], -y[2], y[1]]]),
+            Twist::BackQuarter => Mat3([[x[0], x[2], -x[1]], [o; 3], [-y[0], -y[2], y[1]]]),
+            Twist::Oblique => Turn::constant(&self.twist).flat_coupling_x(rows),
+        };
+        let moved = shift_coupling(&coupling, &mass, offset);
+        let flat = [(-gx).fma(ux, J.xx), (-gx).fma(uy, J.xy), (-gy).fma(uy, J.yy)];
+        let flat = turn.flat_inertia_z(flat);
+        let [xx, xy, yy] = flat;
+        let inertia = match self.shape {
+            Twist::Straight => Sym3 { xx, xy, xz: o, yy, yz: o, zz: o },
+            Twist::Quarter => Sym3 { xx, xy: o, xz: xy, yy: o, yz: o, zz: yy },
+            Twist::BackQuarter => Sym3 { xx, xy: o, xz: -xy, yy: o, yz: o, zz: yy },
+            Twist::Oblique => Turn::constant(&self.twist).flat_inertia_x(flat),
+        };
+        let inertia = shift_inertia(&inertia, &coupling, &moved, offset);
+        self.first_articulated(ArticulatedInertia { inertia, coupling: moved, mass })
+    }
+    #[inline(always)]
+    fn twist_symmetric<T: Scalar<Constant = C>>(&self, m: &Sym3<T>) -> Sym3<T> {
+        match self.shape {
+            Twist::Straight => *m,
+            Twist::Quarter => quarter_symmetric(m),
+            Twist::BackQuarter => back_quarter_symmetric(m),
+            Twist::Oblique => Turn::constant(&self.twist).symmetric_up(Axis::X, m),
+        }
+    }
+    #[inline(always)]
+    fn first_articulated<T: Scalar<Constant = C>>(&self, P: ArticulatedInertia<T>) -> ArticulatedInertia<T> {
+        if self.has_first { Turn::constant(&self.first).articulated_up(Axis::Z, &P) } else { P }
+    }
+    /// φ(p, k) M φ*(p, k).
+    #[inline(always)]
+    pub(crate) fn rigid_to_parent<T: Scalar<Constant = C>>(
+        &self,
+        shift: &Shift<T>,
+        M: &RigidInertia<T>,
+    ) -> RigidInertia<T> {
+        let turned = shift.turn.rigid_up(Axis::Z, M);
+        let twisted = RigidInertia {
+            mass: turned.mass,
+            first_moment: self.twist_up(turned.first_moment),
+            inertia: self.twist_symmetric(&turned.inertia),
+        };
+        let shifted = twisted.shifted(shift.offset);
+        if self.has_first { Turn::constant(&self.first).rigid_up(Axis::Z, &shifted) } else { shifted }
+    }
+}
+
+/// (c, s) of length one.
+fn unit<C: Real>(c: C, s: C) -> Turn<C> {
+    let length = (c * c + s * s).sqrt();
+    Turn { cos: c / length, sin: s / length }
+}
+
+/// y → z, z → −y.
+#[inline(always)]
+fn quarter_symmetric<T: Scalar>(m: &Sym3<T>) -> Sym3<T> {
+    Sym3 { xx: m.xx, xy: -m.xz, xz: m.xy, yy: m.zz, yz: -m.yz, zz: m.yy }
+}
+
+/// y → −z, z → y.
+#[inline(always)]
+fn back_quarter_symmetric<T: Scalar>(m: &Sym3<T>) -> Sym3<T> {
+    Sym3 { xx: m.xx, xy: m.xz, xz: -m.xy, yy: m.zz, yz: -m.yz, zz: m.yy }
+}
+
+#[inline(always)]
+fn quarter<T: Scalar>(P: &ArticulatedInertia<T>) -> ArticulatedInertia<T> {
+    let [x, y, z] = P.coupling.0;
+    ArticulatedInertia {
+        inertia: quarter_symmetric(&P.inertia),
+        coupling: Mat3([[x[0], -x[2], x[1]], [-z[0], z[2], -z[1]], [y[0], -y[2], y[1]]]),
+        mass: quarter_symmetric(&P.mass),
+    }
+}
+
+#[inline(always)]
+fn back_quarter<T: Scalar>(P: &ArticulatedInertia<T>) -> ArticulatedInertia<T> {
+    let [x, y, z] = P.coupling.0;
+    ArticulatedInertia {
+        inertia: back_quarter_symmetric(&P.inertia),
+        coupling: Mat3([[x[0], x[2], -x[1]], [z[0], z[2], -z[1]], [-y[0], -y[2], y[1]]]),
+        mass: back_quarter_symmetric(&P.mass),
+    }
+}

@@ -1,0 +1,326 @@
+//! Several states at once in the lanes of SIMD registers, chosen for the processor when the program runs.
+//!
+//! [`Fused`] is one f64 that multiplies and adds in one rounding; the lanes of the wider types do exactly the same
+//! operations, so that a state's result does not depend on the width it was computed in, nor on the processor.
+//!
+//! | level | lanes of f64 | processors |
+//! |---|---|---|
+//! | [`Level::Avx512`] | 8 | x86-64 with AVX-512F |
+//! | [`Level::Avx2`] | 4 | x86-64 with AVX2 and FMA |
+//! | [`Level::Scalar`] | 1 | all; without a fused instruction each costs a library call, some ten times more |
+//!
+//! A kernel is entered through [`crate::Scalar::dispatch`], which compiles it for the instructions of its scalar;
+//! everything between there and the operators is inlined. The types with lanes have no public name: a value of them
+//! exists only inside [`at_level`], after the processor was asked.
+
+// The one place with unsafe code: intrinsics, and one view of f64 as Fused.
+#![allow(unsafe_code)]
+
+use crate::sin_cos::{Quadrants, sin_cos};
+use crate::{Kernel, Scalar};
+use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
+use num_traits::{One, Zero};
+use std::sync::OnceLock;
+
+/// The environment variable that forces a level: `avx512`, `avx2` or `scalar`.
+pub const LEVEL_VARIABLE: &str = "PHIPSI_SIMD";
+
+/// Instructions that kernels on several states use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Level {
+    /// One state at a time.
+    Scalar,
+    /// Four states.
+    Avx2,
+    /// Eight states.
+    Avx512,
+}
+
+impl Level {
+    /// All levels, narrowest first.
+    pub const ALL: [Level; 3] = [Level::Scalar, Level::Avx2, Level::Avx512];
+    /// Its name, as in [`LEVEL_VARIABLE`].
+    pub fn name(self) -> &'static str {
+        match self {
+            Level::Scalar => "scalar",
+            Level::Avx2 => "avx2",
+            Level::Avx512 => "avx512",
+        }
+    }
+    /// True if this processor has its instructions.
+    pub fn is_available(self) -> bool {
+        match self {
+            Level::Scalar => true,
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => Level::Avx2.is_available() && is_x86_feature_detected!("avx512f"),
+            #[cfg(not(target_arch = "x86_64"))]
+            _ => false,
+        }
+    }
+    /// The widest level of this processor, or the narrower one that [`LEVEL_VARIABLE`] names; asked once.
+    pub fn best() -> Level {
+        static BEST: OnceLock<Level> = OnceLock::new();
+        *BEST.get_or_init(|| {
+            let wanted = std::env::var(LEVEL_VARIABLE).unwrap_or_default();
+            let limit = Level::ALL.into_iter().find(|l| l.name() == wanted).unwrap_or(Level::Avx512);
+            let fits = |l: &Level| *l <= limit && l.is_available();
+            Level::ALL.into_iter().rev().find(fits).unwrap_or(Level::Scalar)
+        })
+    }
+}
+
+/// A scalar whose lanes are f64 states.
+pub trait Lanes: Scalar<Constant = f64, Arithmetic = Self> {
+    /// Lane i is `f(i)`.
+    fn from_lanes(f: impl FnMut(usize) -> f64) -> Self;
+    /// Lane i.
+    fn lane(self, i: usize) -> f64;
+    /// The numbers in memory: lane after lane, then the next of `x`.
+    fn numbers(x: &[Self]) -> &[f64];
+    /// The numbers in memory, to write.
+    fn numbers_mut(x: &mut [Self]) -> &mut [f64];
+    /// Lane `lane` of each of `out` becomes a number of `row`.
+    ///
+    /// By memory, not by registers: a register that is read long after its lanes were written waits for nothing.
+    #[inline(always)]
+    fn pack(row: &[f64], lane: usize, out: &mut [Self]) {
+        for (group, &x) in Self::numbers_mut(out).chunks_exact_mut(Self::LANES).zip(row) {
+            group[lane] = x;
+        }
+    }
+    /// The reverse of [`Lanes::pack`].
+    #[inline(always)]
+    fn unpack(x: &[Self], lane: usize, row: &mut [f64]) {
+        for (group, to) in Self::numbers(x).chunks_exact(Self::LANES).zip(row) {
+            *to = group[lane];
+        }
+    }
+}
+
+/// Work that is generic over the number of lanes.
+pub trait Visitor {
+    /// What it returns.
+    type Output;
+    /// The work, with lanes of type `T`.
+    fn visit<T: Lanes>(self) -> Self::Output;
+}
+
+/// Does the work with the lanes of a level; `None` if this processor does not have it.
+pub fn at_level<V: Visitor>(level: Level, visitor: V) -> Option<V::Output> {
+    if !level.is_available() {
+        return None;
+    }
+    Some(match level {
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx512 => visitor.visit::<x86::F64x8>(),
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx2 => visitor.visit::<x86::F64x4>(),
+        _ => visitor.visit::<Fused>(),
+    })
+}
+
+/// Does the work with the lanes of [`Level::best`].
+pub fn widest<V: Visitor>(visitor: V) -> V::Output {
+    match Level::best() {
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx512 => visitor.visit::<x86::F64x8>(),
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx2 => visitor.visit::<x86::F64x4>(),
+        _ => visitor.visit::<Fused>(),
+    }
+}
+
+/// An f64 whose [`Scalar::fma`] rounds once: what kernels on f64 compute with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(transparent)]
+pub struct Fused(pub f64);
+
+/// [`Lanes::numbers`] of a type that is nothing but its lanes.
+macro_rules! numbers_in_memory {
+    () => {
+        #[inline(always)]
+        fn numbers(x: &[Self]) -> &[f64] {
+            // SAFETY: the type is transparent over its lanes of f64, and aligned for them.
+            unsafe { core::slice::from_raw_parts(x.as_ptr().cast(), x.len() * Self::LANES) }
+        }
+        #[inline(always)]
+        fn numbers_mut(x: &mut [Self]) -> &mut [f64] {
+            // SAFETY: as above; every pattern of bits is an f64.
+            unsafe { core::slice::from_raw_parts_mut(x.as_mut_ptr().cast(), x.len() * Self::LANES) }
+        }
+    };
+}
+
+/// The operators that follow from the binary ones.
+macro_rules! assigning_operators {
+    ($t:ty) => {
+        impl AddAssign for $t {
+            #[inline(always)]
+            fn add_assign(&mut self, b: Self) {
+                *self = *self + b;
+            }
+        }
+        impl SubAssign for $t {
+            #[inline(always)]
+            fn sub_assign(&mut self, b: Self) {
+                *self = *self - b;
+            }
+        }
+        impl MulAssign for $t {
+            #[inline(always)]
+            fn mul_assign(&mut self, b: Self) {
+                *self = *self * b;
+            }
+        }
+        impl DivAssign for $t {
+            #[inline(always)]
+            fn div_assign(&mut self, b: Self) {
+                *self = *self / b;
+            }
+        }
+        impl Zero for $t {
+            #[inline(always)]
+            fn zero() -> Self {
+                <$t>::splat(0.0)
+            }
+            #[inline(always)]
+            fn is_zero(&self) -> bool {
+                *self == Self::zero()
+            }
+        }
+        impl One for $t {
+            #[inline(always)]
+            fn one() -> Self {
+                <$t>::splat(1.0)
+            }
+        }
+    };
+}
+
+macro_rules! fused_operator {
+    ($trait:ident, $method:ident, $op:tt) => {
+        impl $trait for Fused {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, b: Self) -> Self {
+                Fused(self.0 $op b.0)
+            }
+        }
+    };
+}
+fused_operator!(Add, add, +);
+fused_operator!(Sub, sub, -);
+fused_operator!(Mul, mul, *);
+fused_operator!(Div, div, /);
+impl Neg for Fused {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Fused(-self.0)
+    }
+}
+assigning_operators!(Fused);
+
+impl Scalar for Fused {
+    type Constant = f64;
+    const LANES: usize = 1;
+    crate::arithmetic_is_self!();
+    #[inline(always)]
+    fn splat(x: f64) -> Self {
+        Fused(x)
+    }
+    #[inline(always)]
+    fn constant(x: f64) -> Self {
+        Fused(x)
+    }
+    #[inline(always)]
+    fn fma(self, a: Self, b: Self) -> Self {
+        Fused(self.0.mul_add(a.0, b.0))
+    }
+    #[inline(always)]
+    fn recip(self) -> Self {
+        Fused(1.0 / self.0)
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Fused(self.0.sqrt())
+    }
+    #[inline(always)]
+    fn sin_cos(self) -> (Self, Self) {
+        sin_cos(self)
+    }
+    #[inline(always)]
+    fn is_positive(self) -> bool {
+        self.0 > 0.0 && self.0 < f64::INFINITY
+    }
+    fn min_lane(self) -> f64 {
+        self.0
+    }
+    #[inline(always)]
+    fn dispatch<K: Kernel>(kernel: K) -> K::Output {
+        // AVX-512 has twice the registers, also for one number.
+        #[cfg(target_arch = "x86_64")]
+        if Level::best() == Level::Avx512 {
+            // SAFETY: the processor has AVX-512.
+            return unsafe { x86::with_avx512(kernel) };
+        } else if Level::Avx2.is_available() {
+            // SAFETY: the processor has AVX2 and FMA.
+            return unsafe { x86::with_fma(kernel) };
+        }
+        kernel.run()
+    }
+}
+
+impl Lanes for Fused {
+    #[inline(always)]
+    fn from_lanes(mut f: impl FnMut(usize) -> f64) -> Self {
+        Fused(f(0))
+    }
+    #[inline(always)]
+    fn lane(self, _: usize) -> f64 {
+        self.0
+    }
+    numbers_in_memory!();
+}
+
+impl Quadrants for Fused {
+    #[inline(always)]
+    fn turn(shifted: Self, sin: Self, cos: Self) -> (Self, Self) {
+        let n = shifted.0.to_bits();
+        let (s, c) = if n & 1 == 0 { (sin.0, cos.0) } else { (cos.0, sin.0) };
+        let flip = |x: f64, n: u64| f64::from_bits(x.to_bits() ^ ((n & 2) << 62));
+        (Fused(flip(s, n)), Fused(flip(c, n.wrapping_add(1))))
+    }
+    #[inline(always)]
+    fn within(self, limit: f64) -> bool {
+        self.0.abs() < limit
+    }
+    #[cold]
+    #[inline(never)]
+    fn by_library(self, _: f64, _: Self, _: Self) -> (Self, Self) {
+        let (s, c) = self.0.sin_cos();
+        (Fused(s), Fused(c))
+    }
+}
+
+/// The same numbers, seen as [`Fused`].
+#[inline(always)]
+pub(crate) fn fused(x: &[f64]) -> &[Fused] {
+    // SAFETY: Fused is a transparent f64.
+    unsafe { core::slice::from_raw_parts(x.as_ptr().cast(), x.len()) }
+}
+
+/// The same numbers, seen as [`Fused`].
+#[inline(always)]
+pub(crate) fn fused_mut(x: &mut [f64]) -> &mut [Fused] {
+    // SAFETY: Fused is a transparent f64.
+    unsafe { core::slice::from_raw_parts_mut(x.as_mut_ptr().cast(), x.len()) }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,134 @@
+use super::*;
+use crate::Dd;
+
+/// Arguments near and between multiples of π/2, small, large, and beyond the own reduction.
+fn arguments() -> Vec<f64> {
+    let mut all = vec![0.0, -0.0, 1e-300, 5e-324, 1e-9, 0.5, 1.0, 1e8, 0.999e9, 1.001e9, 1e15, 1e300];
+    for k in -4000i32..4000 {
+        let x = f64::from(k) * std::f64::consts::FRAC_PI_2;
+        all.extend([x, x + 1e-9, x * (1.0 + f64::EPSILON), f64::from(k) * 0.001_237]);
+    }
+    // The f64 nearest to a multiple of π/2 below 1e9, and a few large ones.
+    all.extend((0..2000).map(|k| 4.9e5 * f64::from(k) + 0.123));
+    let negative: Vec<f64> = all.iter().map(|x| -x).collect();
+    all.extend(negative);
+    all
+}
+
+/// A kernel of few operations, which needs no help to inline.
+struct Small<F>(F);
+impl<R, F: FnOnce() -> R> Kernel for Small<F> {
+    type Output = R;
+    #[inline(always)]
+    fn run(self) -> R {
+        (self.0)()
+    }
+}
+
+struct SinCos(Vec<f64>);
+impl Visitor for SinCos {
+    type Output = Vec<(f64, f64)>;
+    fn visit<T: Lanes>(self) -> Self::Output {
+        let mut out = Vec::new();
+        for pack in self.0.chunks(T::LANES) {
+            let x = T::from_lanes(|i| pack[i.min(pack.len() - 1)]);
+            let (s, c) = T::dispatch(Small(|| x.sin_cos()));
+            out.extend((0..pack.len()).map(|i| (s.lane(i), c.lane(i))));
+        }
+        out
+    }
+}
+
+/// Within 0.6 units in the last place of double-double values, where those reach.
+#[test]
+fn sines_are_right_to_the_last_place() {
+    let x = arguments();
+    let found = at_level(Level::Scalar, SinCos(x.clone())).unwrap();
+    let mut worst = 0.0f64;
+    for (x, (s, c)) in x.iter().zip(found).filter(|(x, _)| x.abs() < 1e9) {
+        let (ws, wc) = Dd::from_f64(*x).sin_cos();
+        for (want, got) in [(ws, s), (wc, c)] {
+            let place = (want.hi.abs() * f64::EPSILON).max(5e-324);
+            let error = (want - Dd::from_f64(got)).hi.abs() / place;
+            assert!(error < 0.6, "{x:e}: {got:e} for {:e}, {error} places", want.hi);
+            worst = worst.max(error);
+        }
+    }
+    println!("largest error {worst:.3} places");
+}
+
+/// Every lane of every level does the operations of the plain number, to the last bit.
+#[test]
+fn lanes_are_the_scalar_to_the_last_bit() {
+    let mut x = arguments();
+    x.extend([f64::NAN, f64::INFINITY, -f64::INFINITY, 1.5, f64::NAN, 2.5, 1e10, 3.5]);
+    let scalar = at_level(Level::Scalar, SinCos(x.clone())).unwrap();
+    for level in Level::ALL {
+        let Some(found) = at_level(level, SinCos(x.clone())) else {
+            println!("this processor has no {}", level.name());
+            continue;
+        };
+        for ((x, a), b) in x.iter().zip(&scalar).zip(&found) {
+            let bits = |(s, c): &(f64, f64)| [s, c].map(|x| if x.is_nan() { 0 } else { x.to_bits() });
+            assert_eq!(bits(a), bits(b), "{}: {x:e}", level.name());
+        }
+    }
+}
+
+struct Operations(Vec<f64>);
+impl Visitor for Operations {
+    type Output = Vec<u64>;
+    fn visit<T: Lanes>(self) -> Vec<u64> {
+        let mut out = Vec::new();
+        for pack in self.0.chunks_exact(8) {
+            for half in pack.chunks(T::LANES) {
+                let at = |shift: usize| T::from_lanes(|i| half[i % half.len()] + shift as f64 * 0.37);
+                let (a, b, c) = (at(0), at(1), at(2));
+                let results = T::dispatch(Small(|| {
+                    let (mut d, mut e, mut f, mut g) = (a, a, a, a);
+                    d += b;
+                    e -= b;
+                    f *= b;
+                    g /= b;
+                    [a + b, a - b, a * b, a / b, -a, a.fma(b, c), c.recip(), c.sqrt(), d, e, f, g]
+                }));
+                assert_eq!(c.is_positive(), (0..T::LANES).all(|i| c.lane(i) > 0.0 && c.lane(i).is_finite()));
+                for i in 0..T::LANES {
+                    out.extend(results.iter().map(|r| r.lane(i)).map(f64::to_bits));
+                }
+            }
+        }
+        out
+    }
+}
+
+#[test]
+fn operators_agree_on_all_levels() {
+    let x: Vec<f64> = (0..64).map(|k| 0.31 * f64::from(k) + 0.01).collect();
+    let scalar = at_level(Level::Scalar, Operations(x.clone())).unwrap();
+    for level in Level::ALL {
+        if let Some(found) = at_level(level, Operations(x.clone())) {
+            assert_eq!(scalar, found, "{}", level.name());
+        }
+    }
+}
+
+#[test]
+fn a_pivot_is_positive_in_every_lane_or_not_at_all() {
+    struct Positive;
+    impl Visitor for Positive {
+        type Output = ();
+        fn visit<T: Lanes>(self) {
+            for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+                for at in 0..T::LANES {
+                    let x = T::from_lanes(|i| if i == at { bad } else { 1.0 });
+                    assert!(!x.is_positive());
+                }
+            }
+            assert!(T::splat(2.0).is_positive());
+        }
+    }
+    for level in Level::ALL {
+        at_level(level, Positive);
+    }
+}

@@ -1,0 +1,244 @@
+//! Lanes in the registers of x86-64.
+
+use super::*;
+use core::arch::x86_64::*;
+
+/// Runs a kernel compiled for AVX2 and FMA.
+///
+/// # Safety
+/// The processor has both.
+#[target_feature(enable = "avx2,fma")]
+pub(super) unsafe fn with_fma<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run()
+}
+
+/// Runs a kernel compiled for AVX-512F.
+///
+/// # Safety
+/// The processor has it, and AVX2 and FMA.
+#[target_feature(enable = "avx512f,avx2,fma")]
+pub(super) unsafe fn with_avx512<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run()
+}
+
+/// Four states.
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+pub struct F64x4(__m256d);
+
+/// Eight states.
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+pub struct F64x8(__m512d);
+
+macro_rules! lanes {
+    (
+        $t:ident, $n:literal, $with:ident, $set:ident, $load:ident, $store:ident,
+        $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident, $sqrt:ident,
+        negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident
+    ) => {
+        // SAFETY of this macro: a value of the type exists only after the processor was asked (see the module above).
+        impl Add for $t {
+            type Output = Self;
+            #[inline(always)]
+            fn add(self, b: Self) -> Self {
+                unsafe { $t($add(self.0, b.0)) }
+            }
+        }
+        impl Sub for $t {
+            type Output = Self;
+            #[inline(always)]
+            fn sub(self, b: Self) -> Self {
+                unsafe { $t($sub(self.0, b.0)) }
+            }
+        }
+        impl Mul for $t {
+            type Output = Self;
+            #[inline(always)]
+            fn mul(self, b: Self) -> Self {
+                unsafe { $t($mul(self.0, b.0)) }
+            }
+        }
+        impl Div for $t {
+            type Output = Self;
+            #[inline(always)]
+            fn div(self, b: Self) -> Self {
+                unsafe { $t($div(self.0, b.0)) }
+            }
+        }
+        impl Neg for $t {
+            type Output = Self;
+            #[inline(always)]
+            fn neg(self) -> Self {
+                unsafe { $t($negate(self.0)) }
+            }
+        }
+        assigning_operators!($t);
+        impl $t {
+            #[inline(always)]
+            fn to_array(self) -> [f64; $n] {
+                let mut out = [0.0; $n];
+                unsafe { $store(out.as_mut_ptr(), self.0) };
+                out
+            }
+            #[inline(always)]
+            fn from_array(x: [f64; $n]) -> Self {
+                unsafe { $t($load(x.as_ptr())) }
+            }
+        }
+        impl PartialEq for $t {
+            fn eq(&self, b: &Self) -> bool {
+                self.to_array() == b.to_array()
+            }
+        }
+        impl Scalar for $t {
+            type Constant = f64;
+            const LANES: usize = $n;
+            crate::arithmetic_is_self!();
+            #[inline(always)]
+            fn splat(x: f64) -> Self {
+                unsafe { $t($set(x)) }
+            }
+            #[inline(always)]
+            fn constant(x: f64) -> Self {
+                unsafe { $t($set(x)) }
+            }
+            #[inline(always)]
+            fn fma(self, a: Self, b: Self) -> Self {
+                unsafe { $t($fma(self.0, a.0, b.0)) }
+            }
+            #[inline(always)]
+            fn recip(self) -> Self {
+                Self::splat(1.0) / self
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                unsafe { $t($sqrt(self.0)) }
+            }
+            #[inline(always)]
+            fn sin_cos(self) -> (Self, Self) {
+                sin_cos(self)
+            }
+            #[inline(always)]
+            fn is_positive(self) -> bool {
+                unsafe { $all(self.0, $set(0.0), $set(f64::INFINITY)) }
+            }
+            fn min_lane(self) -> f64 {
+                self.to_array().into_iter().fold(f64::INFINITY, f64::min)
+            }
+            #[inline(always)]
+            fn dispatch<K: Kernel>(kernel: K) -> K::Output {
+                unsafe { $with(kernel) }
+            }
+        }
+        impl Lanes for $t {
+            #[inline(always)]
+            fn from_lanes(f: impl FnMut(usize) -> f64) -> Self {
+                Self::from_array(core::array::from_fn(f))
+            }
+            #[inline(always)]
+            fn lane(self, i: usize) -> f64 {
+                self.to_array()[i]
+            }
+            numbers_in_memory!();
+        }
+        impl Quadrants for $t {
+            #[inline(always)]
+            fn turn(shifted: Self, sin: Self, cos: Self) -> (Self, Self) {
+                let (s, c) = unsafe { $turn(shifted.0, sin.0, cos.0) };
+                ($t(s), $t(c))
+            }
+            #[inline(always)]
+            fn within(self, limit: f64) -> bool {
+                unsafe { $all($size(self.0), $set(-1.0), $set(limit)) }
+            }
+            #[cold]
+            #[inline(never)]
+            fn by_library(self, limit: f64, sin: Self, cos: Self) -> (Self, Self) {
+                let (x, mut s, mut c) = (self.to_array(), sin.to_array(), cos.to_array());
+                for i in 0..$n {
+                    // Written so that NaN, too, asks the library.
+                    if !matches!(x[i].abs().partial_cmp(&limit), Some(o) if o.is_lt()) {
+                        (s[i], c[i]) = x[i].sin_cos();
+                    }
+                }
+                (Self::from_array(s), Self::from_array(c))
+            }
+        }
+    };
+}
+
+lanes!(
+    F64x4, 4, with_fma, _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd,
+    _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd, _mm256_fmadd_pd, _mm256_sqrt_pd,
+    negate: negate4, all: all_between4, size: size4, turn: turn4
+);
+
+lanes!(
+    F64x8, 8, with_avx512, _mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd,
+    _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd, _mm512_div_pd, _mm512_fmadd_pd, _mm512_sqrt_pd,
+    negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8
+);
+
+// Functions, for closures cannot be made to inline. SAFETY: as in the macro.
+
+#[inline(always)]
+unsafe fn negate4(x: __m256d) -> __m256d {
+    unsafe { _mm256_xor_pd(x, _mm256_set1_pd(-0.0)) }
+}
+
+#[inline(always)]
+unsafe fn size4(x: __m256d) -> __m256d {
+    unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), x) }
+}
+
+#[inline(always)]
+unsafe fn all_between4(x: __m256d, low: __m256d, high: __m256d) -> bool {
+    unsafe {
+        let above = _mm256_cmp_pd::<_CMP_GT_OQ>(x, low);
+        _mm256_movemask_pd(_mm256_and_pd(above, _mm256_cmp_pd::<_CMP_LT_OQ>(x, high))) == 0xf
+    }
+}
+
+#[inline(always)]
+unsafe fn turn4(shifted: __m256d, s: __m256d, c: __m256d) -> (__m256d, __m256d) {
+    unsafe {
+        let n = _mm256_castpd_si256(shifted);
+        let odd = _mm256_castsi256_pd(_mm256_slli_epi64::<63>(n));
+        let (two, next) = (_mm256_set1_epi64x(2), _mm256_add_epi64(n, _mm256_set1_epi64x(1)));
+        let sign = _mm256_slli_epi64::<62>(_mm256_and_si256(n, two));
+        let next_sign = _mm256_slli_epi64::<62>(_mm256_and_si256(next, two));
+        (
+            _mm256_xor_pd(_mm256_blendv_pd(s, c, odd), _mm256_castsi256_pd(sign)),
+            _mm256_xor_pd(_mm256_blendv_pd(c, s, odd), _mm256_castsi256_pd(next_sign)),
+        )
+    }
+}
+
+#[inline(always)]
+unsafe fn negate8(x: __m512d) -> __m512d {
+    unsafe { flip(x, _mm512_castpd_si512(_mm512_set1_pd(-0.0))) }
+}
+
+#[inline(always)]
+unsafe fn all_between8(x: __m512d, low: __m512d, high: __m512d) -> bool {
+    unsafe { _mm512_cmp_pd_mask::<_CMP_GT_OQ>(x, low) & _mm512_cmp_pd_mask::<_CMP_LT_OQ>(x, high) == 0xff }
+}
+
+#[inline(always)]
+unsafe fn turn8(shifted: __m512d, s: __m512d, c: __m512d) -> (__m512d, __m512d) {
+    unsafe {
+        let n = _mm512_castpd_si512(shifted);
+        let odd = _mm512_test_epi64_mask(n, _mm512_set1_epi64(1));
+        let (two, next) = (_mm512_set1_epi64(2), _mm512_add_epi64(n, _mm512_set1_epi64(1)));
+        let sign = _mm512_slli_epi64::<62>(_mm512_and_si512(n, two));
+        let next_sign = _mm512_slli_epi64::<62>(_mm512_and_si512(next, two));
+        (flip(_mm512_mask_blend_pd(odd, s, c), sign), flip(_mm512_mask_blend_pd(odd, c, s), next_sign))
+    }
+}
+
+/// Changes signs; the instruction on f64 itself belongs to AVX-512DQ.
+#[inline(always)]
+unsafe fn flip(x: __m512d, sign: __m512i) -> __m512d {
+    unsafe { _mm512_castsi512_pd(_mm512_xor_si512(_mm512_castpd_si512(x), sign)) }
+}
