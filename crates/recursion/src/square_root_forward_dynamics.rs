@@ -13,7 +13,8 @@
 //! reflections ([`rows`]) turn the rows of a body and its children until one of them alone contains the hinge; the others
 //! are what the joint lets through. Nothing is subtracted, and rows of all sizes keep their digits.
 //!
-//! A joint of several degrees of freedom is eliminated one after the other. Children's rows are reduced to six as they come.
+//! A joint of several degrees of freedom is eliminated one after the other, displacements first: rotations are then found
+//! from moments about the centre of mass, however far that is from the frame's origin. Children's rows are reduced to six as they come.
 
 mod body;
 mod rows;
@@ -105,7 +106,11 @@ impl<T: Real> SquareRootForwardDynamics<T> {
             check_length("wrenches", wrenches, layout.model_bodies())?;
         }
         self.sweep_velocities(layout, q, v);
-        layout.subtract_wrenches(wrenches, &mut self.load);
+        for (carrier, wrench) in layout.carriers().iter().zip(wrenches.unwrap_or_default()) {
+            if carrier.body != GROUND {
+                self.load[carrier.body] -= carrier.pose.wrench_to_parent(*wrench);
+            }
+        }
         self.sweep_inboard(layout, tau)?;
         self.sweep_outboard(layout, v, out);
         Ok(())
@@ -143,7 +148,7 @@ impl<T: Real> SquareRootForwardDynamics<T> {
                 stack.join(pitch);
                 p.moment.0[2] += pitch * p.force.0[2];
             }
-            for (i, &column) in hinge.components().iter().enumerate() {
+            for (i, &column) in hinge.components().iter().enumerate().rev() {
                 let taken = if stack.is_rounding(column) { None } else { stack.take(column) };
                 let Some(row) = taken else {
                     return Err(layout.singular(body.v + i, stack.square(column)));
@@ -199,7 +204,7 @@ impl<T: Real> SquareRootForwardDynamics<T> {
             let inboard = if body.parent == GROUND { ground } else { self.alpha[body.parent] };
             let mut alpha = self.hinge[k].motion_to_child(inboard);
             let c = body.hinge.turning(&v[body.v..]);
-            for (i, &component) in body.hinge.components().iter().enumerate().rev() {
+            for (i, &component) in body.hinge.components().iter().enumerate() {
                 let Taken { r, rho, u } = self.taken[body.v + i];
                 let x = (u - alpha.dot(r)) / rho;
                 body.hinge.add_axis(i, x, &mut alpha);
