@@ -252,7 +252,9 @@ fn beyond_the_reach_of_the_plain_recursion() {
 
 #[test]
 fn heavy_tips_are_not_left_to_the_plain_form() {
-    for (mass, form) in [(1.0, Form::Plain), (1e-12, Form::Plain), (1e6, Form::SquareRoot)] {
+    for (mass, form) in
+        [(1.0, Form::Plain), (1e-12, Form::Plain), (1e6, Form::Refined), (1e12, Form::SquareRoot)]
+    {
         let mut chain = Chain::uniform(10);
         chain.masses[9] = mass;
         let case = chain.scene("tip", 1, 0.5, 1.0).case;
