@@ -10,7 +10,7 @@ import json
 import sys
 from pathlib import Path
 
-from . import build, page, report
+from . import build, page, python, report
 from .models import NAMES, LeftOut, open_case
 from .programs import OPERATIONS, OTHERS, Phipsi
 from .timer import TimerError
@@ -32,8 +32,8 @@ def _parser() -> argparse.ArgumentParser:
     others = [program.name for program in OTHERS]
     parser.add_argument("--against", type=_words, default=others, help=f"programs (default {','.join(others)})")
     parser.add_argument("--rounds", type=int, default=15, help="turns of each side (default 15)")
-    parser.add_argument("--quick", action="store_true", help="three rounds, no long chains: a look, not a result")
-    parser.add_argument("--no-chains", action="store_true", help="leave out the long chains")
+    parser.add_argument("--quick", action="store_true", help="three rounds of the comparison alone: a look, not a result")
+    parser.add_argument("--comparison", action="store_true", help="leave out phipsi's long chains and its Python package")
     parser.add_argument("--cache", type=Path, default=build.ROOT / "target" / "speed", help="folder of the built timers")
     parser.add_argument("--json", type=Path, help="write all figures to this file")
     parser.add_argument("--page", action="store_true", help="write docs/src/speed.md and its chart")
@@ -96,8 +96,11 @@ def main(arguments: list[str] | None = None) -> int:
                     run.leave_out(program.name, case.name, str(reason))
             for operation in given.only:
                 run.compare(case, operation, ours, present)
-        if not (given.quick or given.no_chains):
+        if not (given.quick or given.comparison):
             run.long_chains(ours)
+            case = open_case("panda", folder)
+            ours.start(case)
+            run.python = python.figures(case, ours, rounds)
     except TimerError as reason:
         print(f"stopped: {reason}", file=sys.stderr)
         return 1

@@ -138,6 +138,23 @@ def dynibo(cache: Path) -> Built:
     return Built([str(folder / "release" / "dynibo-speed")], version.lstrip("="), _version_of("rustc"), flags)
 
 
+def simbody(cache: Path) -> Built:
+    """Simbody from the system's package. Its headers and library must be compiled alike: not with NDEBUG on Debian."""
+    folder = next((p for p in (Path("/usr/include/simbody"), Path("/usr/local/include/simbody")) if p.exists()), None)
+    if not folder:
+        raise CannotBuild("it is not installed (Debian: libsimbody-dev)")
+    name, _ = compiler()
+    target, source = cache / "simbody", HERE / "simbody.cpp"
+    libraries = ["-lSimTKsimbody", "-lSimTKmath", "-lSimTKcommon"]
+    command = [name, "-O3", "-std=c++17", "-w", "-I", str(folder), str(source), "-o", str(target), *libraries]
+    cached(target, [source, HERE / "protocol.h"], command, "Simbody's timer")
+    version = "of the system"
+    if shutil.which("dpkg-query"):
+        ask = ["dpkg-query", "-Wf", "${Version}", "libsimbody-dev"]
+        version = subprocess.run(ask, capture_output=True, text=True).stdout or version
+    return Built([str(target)], version, "the system's library", "as published")
+
+
 def phipsi(cache: Path) -> Built:
     """This workspace's example, as a published build would be: the instruction level is chosen at run time."""
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))

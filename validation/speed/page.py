@@ -6,8 +6,8 @@ import math
 from html import escape
 from pathlib import Path
 
-from .report import time
-from .timer import median
+from .python import show
+from .timer import duration, median
 
 _HEAD = """# Speed
 
@@ -22,9 +22,10 @@ to repeat it, `pip install -r validation/requirements.txt ./crates/python`, then
   at a joint cancels) is refused.
 - Joints' friction, damping, armature, limits, contacts are off everywhere; links on fixed joints are merged; gravity is the same.
 - Of Pinocchio's variants (forward dynamics and mass matrix in local or world frames, Jacobian of all joints or along the path) the faster counts, by model.
-  MuJoCo: `mj_forward` without constraints, `mj_inverse`, and for the mass matrix `mj_kinematics`, `mj_comPos`, `mj_makeM`.
-- phipsi is built as it is published: no processor-specific flags; the instruction level is chosen at run time. One core. Operations on a batch are
-  per state, against one state of the others.
+  MuJoCo: `mj_forward` without constraints, `mj_inverse`, and for the mass matrix `mj_kinematics`, `mj_comPos`, `mj_makeM`. Simbody: `realize(Acceleration)`,
+  `calcResidualForceIgnoringConstraints`, `calcM`; Debian's library has its internal checks compiled in.
+- phipsi is built as it is published: no processor-specific flags; the instruction level is chosen at run time. Operations on a batch: CPU time of
+  all threads together, per state, against one state of the others.
 - Ratio: time(phipsi) / time(other); below 1 phipsi is faster.
 """
 
@@ -41,7 +42,12 @@ def _cell(row: dict, program: str) -> str:
     best = min(median(times) for times in variants.values())
     ratio, bars = row["ratios"][program]["ratio"], row["ratios"][program]["bar"]
     over = " †" if bars and ratio > bars[0] else ""
-    return f"{time(best)} · **{ratio:.2f}**{over}"
+    return f"{duration(best)} · **{ratio:.3g}**{over}"
+
+
+def _goal(program: str, bar: tuple[float, float]) -> str:
+    stretch = f" (stretch {bar[1]:g})" if bar[1] != bar[0] else ""
+    return f"{program} ≤ {bar[0]:g}{stretch}"
 
 
 def text(run: dict) -> str:
@@ -58,11 +64,11 @@ def text(run: dict) -> str:
         lines = []
         for row in rows:
             ours = min(median(times) for times in row["ns"]["phipsi"].values())
-            lines.append([f"{row['model']} ({row['dof']})", time(ours), *(_cell(row, name) for name in have)])
+            lines.append([f"{row['model']} ({row['dof']})", duration(ours), *(_cell(row, name) for name in have)])
         parts.append(f"## {operation.replace('_', ' ').capitalize()}\n")
         parts.append(_table(["model (dof)", "phipsi", *(f"{name} · ratio" for name in have)], lines) + "\n")
         if bars:
-            parts.append("Goals: " + ", ".join(f"{n} ≤ {b[0]:g} (stretch {b[1]:g})" for n, b in bars.items()) + "; † missed.\n")
+            parts.append("Goals: " + ", ".join(_goal(*item) for item in bars.items()) + "; † missed.\n")
     if run["chains"]:
         rows = [
             [str(c["bodies"]), f"{c['ns_per_body']:.1f}", f"{c['ratio']:.2f}", "" if c["bar"] is None else f"≤ {c['bar']:g}"]
@@ -70,6 +76,13 @@ def text(run: dict) -> str:
         ]
         parts.append("## Long chains\n\nForward dynamics of one state of a chain, phipsi alone.\n")
         parts.append(_table(["bodies", "ns per body", "over the first", "goal"], rows) + "\n")
+    if run["python"]:
+        rows = [
+            [f["what"], show(f["value"], f["unit"]), "" if f["bar"] is None else f"≤ {show(f['bar'], f['unit'])}"]
+            for f in run["python"]
+        ]
+        parts.append("## From Python\n\nWhat the package adds to the kernels. Wall times contain whatever else the machine does.\n")
+        parts.append(_table(["what", "measured", "goal"], rows) + "\n")
     if run["left_out"] or run["refused"]:
         parts.append("## Left out\n\n" + "\n".join(f"- {line}" for line in [*run["left_out"], *run["refused"]]) + "\n")
     return "\n".join(parts)

@@ -9,7 +9,8 @@ extern "C" const Operation operations[] = {
      [](int i) { pin::computeRNEADerivatives(*model, *data, q[i], v[i], acceleration[i]); },
      [](double *out) {
        long n = write(data->dtau_dq, out);
-       return n + write(data->dtau_dv, out + n);
+       n += write(data->dtau_dv, out + n);
+       return n + write_symmetric(data->M, out + n);
      }},
     {"forward_dynamics_derivatives", [](int i) { pin::computeABADerivatives(*model, *data, q[i], v[i], tau[i]); },
      [](double *out) {

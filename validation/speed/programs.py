@@ -150,34 +150,25 @@ class MuJoCo(Program):
         return units @ ours.reshape(n, n) @ units.T, theirs.reshape(n, n)
 
 
-class Dynibo(Program):
-    """dynibo of crates.io: base velocities, accelerations and forces in world axes."""
+class WorldAxes(Program):
+    """Programs with a free base's velocity, acceleration and force in world axes, angular first."""
 
-    name = "dynibo"
-    operations = {o: (o,) for o in ("forward_dynamics", "inverse_dynamics", "mass_matrix")} | {
-        "jacobian": ("jacobian:columns",)
-    }
+    #: Order of the components of a free base's q, in ours.
+    base_q: tuple[int, ...] = tuple(range(7))
 
-    def build(self, operations: list[str]) -> None:
-        self.built[""] = build.dynibo(self.folder)
-
-    def start(self, case: Case) -> None:
-        self.model = models.write_dynibo(self.folder / f"{case.name}.dynibo.urdf", case)
-        self._free = self.model.startswith("free:")
-        done = subprocess.run([*self.built[""].command, self.model], capture_output=True, text=True)
-        if done.returncode:
-            raise LeftOut(f"dynibo does not load it: {done.stderr.strip()}")
+    def _use(self, case: Case, names: list[str], kind: str) -> None:
+        """Writes the states in the order of their joints; a free base is first and not among the names."""
+        self._free = case.merged.joints[1].shortname() == "JointModelFreeFlyer"
         first = 6 if self._free else 0
-        names = done.stdout.split()
         if len(names) + first != case.m.nv:
-            raise LeftOut(f"dynibo counts {len(names)} joints in it, of {case.m.nv} degrees of freedom")
+            raise LeftOut(f"{self.name} counts {len(names)} joints in it, of {case.m.nv} degrees of freedom")
         self._v = [*range(first), *(case.m.joint_v_offset(name) for name in names)]
-        self._q = [*range(7 if first else 0), *(case.m.joint_q_offset(name) for name in names)]
+        self._q = [*(self.base_q if first else ()), *(case.m.joint_q_offset(name) for name in names)]
         states = []
         for q, v, tau, a in case.states:
             turn = self._turn(case, q)
             states.append((q[self._q], turn @ v[self._v], turn @ tau[self._v], turn @ self._classical(a, v)[self._v]))
-        self.states = models.write_states(self.folder / f"{case.name}.dynibo.states", states)
+        self.states = models.write_states(self.folder / f"{case.name}.{kind}.states", states)
 
     def _turn(self, case: Case, q: np.ndarray) -> np.ndarray:
         """Their velocity from ours in their order: the base's in world axes."""
@@ -205,6 +196,41 @@ class Dynibo(Program):
         return turn @ ours.reshape(n, n)[np.ix_(self._v, self._v)] @ turn.T, theirs.reshape(n, n)
 
 
+class Dynibo(WorldAxes):
+    """dynibo of crates.io."""
+
+    name = "dynibo"
+    operations = {o: (o,) for o in ("forward_dynamics", "inverse_dynamics", "mass_matrix")} | {
+        "jacobian": ("jacobian:columns",)
+    }
+
+    def build(self, operations: list[str]) -> None:
+        self.built[""] = build.dynibo(self.folder)
+
+    def start(self, case: Case) -> None:
+        self.model = models.write_dynibo(self.folder / f"{case.name}.dynibo.urdf", case)
+        done = subprocess.run([*self.built[""].command, self.model], capture_output=True, text=True)
+        if done.returncode:
+            raise LeftOut(f"dynibo does not load it: {done.stderr.strip()}")
+        self._use(case, done.stdout.split(), "dynibo")
+
+
+class Simbody(WorldAxes):
+    """Simbody of Debian, with its internal checks."""
+
+    name = "Simbody"
+    operations = {o: (o,) for o in ("forward_dynamics", "inverse_dynamics", "mass_matrix")}
+    base_q = (6, 3, 4, 5, 0, 1, 2)
+
+    def build(self, operations: list[str]) -> None:
+        self.built[""] = build.simbody(self.folder)
+
+    def start(self, case: Case) -> None:
+        self.model, _ = models.write_pinocchio(self.folder / f"{case.name}.simbody", case)
+        names = list(case.merged.names)[1:]
+        self._use(case, names[1:] if case.merged.joints[1].shortname() == "JointModelFreeFlyer" else names, "simbody")
+
+
 class Phipsi:
     """This program."""
 
@@ -230,7 +256,7 @@ class Phipsi:
 
 
 #: The others, in the order of the tables.
-OTHERS = (Pinocchio, MuJoCo, Dynibo)
+OTHERS = (Pinocchio, MuJoCo, Dynibo, Simbody)
 
 
 def difference(first: np.ndarray, second: np.ndarray) -> float:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from .models import Case
 from .programs import BOUND, SINGLE, SOLVING, Phipsi, Program, difference
-from .timer import Side, TimerError, Unsupported, alternate, median
+from .python import Figure, as_json
+from .timer import Side, TimerError, Unsupported, alternate, duration, median
 
 #: time(phipsi) / time(other): (bar, stretch) by operation and program, on the models named (empty: all).
 BARS: dict[tuple[str, str], tuple[float, float, tuple[str, ...]]] = {
@@ -25,6 +26,7 @@ BARS: dict[tuple[str, str], tuple[float, float, tuple[str, ...]]] = {
     ("mass_matrix", "MuJoCo"): (0.5, 0.35, ()),
     ("forward_dynamics", "Simbody"): (0.05, 0.03, ()),
     ("inverse_dynamics", "Simbody"): (0.05, 0.03, ()),
+    ("mass_matrix", "Simbody"): (0.05, 0.03, ()),
 } | {(o, "dynibo"): (0.6, 0.6, ()) for o in ("forward_dynamics", "inverse_dynamics", "mass_matrix", "jacobian")}
 
 #: Long chains: bodies, states, and the bar on ns per body over that of the first.
@@ -71,6 +73,8 @@ class Run:
         self.programs: dict[str, dict[str, str]] = {}
         self.rows: list[Row] = []
         self.chains: list[dict[str, float]] = []
+        #: What Python adds to the kernels.
+        self.python: list[Figure] = []
         self.remarks: list[str] = []
         self.left_out: list[str] = []
         #: Timers that compute something else, or fail.
@@ -150,7 +154,7 @@ class Run:
     @staticmethod
     def line(row: Row) -> str:
         """One row for people."""
-        parts = [f"{row.model:14s} {row.operation:29s} {time(row.best('phipsi'))}"]
+        parts = [f"{row.model:14s} {row.operation:29s} {duration(row.best('phipsi'))}"]
         for program, variants in row.times.items():
             if program == "phipsi":
                 continue
@@ -159,7 +163,7 @@ class Run:
             mark = "" if bars is None else f" ({'ok' if ratio <= bars[0] else 'OVER'} {bars[0]:g}, {bars[1]:g})"
             fastest = min(variants, key=lambda v: median(variants[v])).partition(":")[2]
             name = f"{program} {fastest}".strip()
-            parts.append(f"{name} {time(row.best(program))} ratio {ratio:.3f}{mark}")
+            parts.append(f"{name} {duration(row.best(program))} ratio {ratio:.3f}{mark}")
         return " | ".join(parts)
 
     @staticmethod
@@ -176,6 +180,7 @@ class Run:
         lines += ["ratio: time(phipsi) / time(other); in brackets: bar, stretch", ""]
         lines += [self.line(row) for row in self.rows]
         lines += [self.chain_line(chain) for chain in self.chains]
+        lines += [str(figure) for figure in self.python]
         lines += [f"left out: {line}" for line in self.left_out]
         lines += [f"REFUSED: {line}" for line in self.refused]
         return "\n".join(lines)
@@ -189,15 +194,8 @@ class Run:
             }
             rows.append({"model": row.model, "dof": row.dof, "operation": row.operation, "ns": row.times, "ratios": ratios})
         keys = ("date", "rounds", "programs", "remarks", "chains", "left_out", "refused")
-        return {"machine": machine(), **{key: getattr(self, key) for key in keys}, "rows": rows}
-
-
-def time(ns: float) -> str:
-    """A time for people."""
-    for unit, size in (("ns", 1.0), ("µs", 1e3), ("ms", 1e6)):
-        if ns < 1e3 * size:
-            return f"{ns / size:.3g} {unit}" if ns < 999.5 * size else f"{ns / size:.0f} {unit}"
-    return f"{ns / 1e9:.3g} s"
+        python = as_json(self.python)
+        return {"machine": machine(), "python": python, **{key: getattr(self, key) for key in keys}, "rows": rows}
 
 
 def machine() -> str:

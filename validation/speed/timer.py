@@ -69,11 +69,13 @@ class Timer:
         """Thread CPU time of a call, ns."""
         answer = self._ask(model, operation, states, repetitions)
         try:
-            ns, _checksum = map(float, answer.split())
+            ns, checksum = map(float, answer.split())
         except ValueError:
             raise TimerError(f"{self.name}, {operation}, {model}: not a time: {answer[:60]!r}") from None
         if not (np.isfinite(ns) and ns > 0):
             raise TimerError(f"{self.name}, {operation}, {model}: {ns:g} ns is no time of a call")
+        if not np.isfinite(checksum):
+            raise TimerError(f"{self.name}, {operation}, {model}: the results are not finite")
         return ns
 
 
@@ -114,3 +116,11 @@ def alternate(sides: Sequence[Side], rounds: int, quantum: float = QUANTUM) -> l
 def median(times: Sequence[float]) -> float:
     """The middle of the measurements."""
     return float(statistics.median(times))
+
+
+def duration(ns: float) -> str:
+    """A time for people."""
+    for unit, size in (("ns", 1.0), ("µs", 1e3), ("ms", 1e6)):
+        if ns < 1e3 * size:
+            return f"{ns / size:.3g} {unit}" if ns < 999.5 * size else f"{ns / size:.0f} {unit}"
+    return f"{ns / 1e9:.3g} s"

@@ -178,6 +178,35 @@ def test_info():
     assert len(batch.worst_hinge.state) == 1
 
 
+@pytest.mark.parametrize("name", ["mr_tip_1e3_0064", "mr_tip_1e6_0064", "mr_tip_1e9_0064", "mr_alt_1e9_0064"])
+def test_forms_against_a_hundred_digits(name):
+    m, reference = robots.load(name)
+    layout = phipsi.interop.Pinocchio(m, [joint["name"] for joint in reference["joints"]])
+    samples = [s for s in reference["samples"] if "ddq_mp" in s]
+    assert samples
+    for s in samples:
+        q, v, tau = layout.q_in(np.array(s["q"])), layout.v_in(np.array(s["v"])), layout.f_in(np.array(s["tau"]))
+        truth = layout.v_in(np.array(s["ddq_mp"]))
+        for form, limit in [("square_root", 1e-13), ("double_double", 1e-14), ("refined", 1e-13), ("auto", 1e-12)]:
+            a, info = m.forward_dynamics(q, v, tau, form=form, info=True)
+            assert np.max(np.abs(a - truth)) <= limit * np.max(np.abs(truth)), form
+            assert info.backward_error <= 100 * m.nv * np.finfo(float).eps
+            heavy = name in ("mr_tip_1e6_0064", "mr_tip_1e9_0064")
+            assert info.form == (form if form != "auto" else "square_root" if heavy else "plain")
+
+
+def test_every_form_runs_batches():
+    m = phipsi.Model.from_urdf(robots.model_path("solo12"))
+    states = [m.random_state(seed) for seed in range(5)]
+    q, v = np.array([s[0] for s in states]), np.array([s[1] for s in states])
+    tau = np.ones(m.nv)
+    truth = m.forward_dynamics(q, v, tau, form="double_double")
+    for form in ("auto", "plain", "refined", "square_root"):
+        a = m.forward_dynamics(q, v, tau, form=form)
+        close(a, truth, np.abs(truth).max(), m.nv)
+        assert np.array_equal(a[2], m.forward_dynamics(q[2], v[2], tau, form=form))
+
+
 def test_nothing_that_moves():
     m = phipsi.Model.from_urdf_text("<robot name='r'><link name='a'/></robot>")
     assert (m.nq, m.nv) == (0, 0)

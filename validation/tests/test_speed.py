@@ -13,9 +13,9 @@ import pinocchio as pin
 import pytest
 
 import phipsi
-from validation.speed import build, models, page, report
+from validation.speed import build, models, page, python, report
 from validation.speed.__main__ import main
-from validation.speed.programs import MuJoCo, Pinocchio, Program, difference
+from validation.speed.programs import Dynibo, MuJoCo, Pinocchio, Program, Simbody, difference
 from validation.speed.timer import Side, Timer, TimerError, Unsupported, alternate
 
 #: A timer: every question goes to a log; results are state + 1, 10 (state + 1), changed by MODE; a call takes NS.
@@ -43,7 +43,7 @@ for line in sys.stdin:
         values[1] *= {"off": 1 + 1e-6, "nan": float("nan")}.get(mode, 1 + 1e-12)
         print("result", *values, flush=True)
     else:
-        print(ns, 0.0, flush=True)
+        print(ns, "nan" if mode == "nan" else 0.0, flush=True)
 """
 
 
@@ -84,6 +84,11 @@ def test_bad_answers(timer, mode, text):
 def test_impossible_times(timer, ns):
     with pytest.raises(TimerError, match="no time of a call"):
         timer("bad", float(ns)).time("m", "f", "s", 1)
+
+
+def test_results_that_are_not_finite(timer):
+    with pytest.raises(TimerError, match="not finite"):
+        timer("bad", mode="nan").time("m", "f", "s", 1)
 
 
 def test_sides_take_turns(timer, tmp_path):
@@ -274,6 +279,34 @@ def test_merged_models_are_the_same_mechanisms(tmp_path, name):
         assert difference(other.body_pose(x, link), case.m.body_pose(q, link)) < 1e-13
 
 
+@pytest.mark.parametrize("program", [Dynibo, Simbody])
+@pytest.mark.parametrize("name", ["solo12", "panda"])
+def test_coordinates_in_world_axes(tmp_path, program, name):
+    """A base's velocity and acceleration there are those of its link in world axes; power is the same."""
+    case, program = models.open_case(name, tmp_path, count=2), program(tmp_path)
+    free = name == "solo12"
+    program._use(case, list(case.merged.names)[2 if free else 1 :], "theirs")
+    rows = [np.array(line.split(), float) for line in Path(program.states).read_text().splitlines()[1:]]
+    for state, (q, v, tau, a) in enumerate(case.states):
+        their_q, their_v, their_tau, their_a = rows[4 * state : 4 * state + 4]
+        assert sorted(their_q) == sorted(q) and abs(their_tau @ their_v - tau @ v) < 1e-14 * case.m.nv
+        first, second = program.alike("forward_dynamics", case, state, a, their_a)
+        assert difference(first, second) == 0.0
+        M = case.m.mass_matrix(q)
+        theirs, _ = program.alike("mass_matrix", case, state, M.ravel(), M.ravel())
+        assert abs(their_v @ theirs @ their_v - v @ M @ v) < 1e-13 * abs(v @ M @ v)
+        if free:
+            link = case.links[1]
+            assert difference(their_v[:6], case.m.body_velocity(q, v, link)) < 1e-14
+            assert difference(their_a[:6], case.m.body_acceleration(q, v, a, link)) < 1e-14
+            # The quaternion's w, and the position.
+            w, position = (0, 4) if isinstance(program, Simbody) else (6, 0)
+            assert their_q[w] == q[6] and list(their_q[position : position + 3]) == list(q[:3])
+        J = case.m.jacobian(q, case.links[case.target])
+        theirs, _ = program.alike("jacobian", case, state, J.ravel(), J.T.ravel())
+        assert difference(theirs @ their_v, J @ v) < 1e-13
+
+
 def test_timers_are_rebuilt_when_their_sources_change(tmp_path):
     source, target = tmp_path / "a.c", tmp_path / "cache" / "a"
     command = [sys.executable, "-c", "import shutil, sys; shutil.copy(*sys.argv[1:])", str(source), str(target)]
@@ -289,6 +322,27 @@ def test_timers_are_rebuilt_when_their_sources_change(tmp_path):
         build.cached(target, [source], [sys.executable, "-c", "raise SystemExit('error here')"], "b")
 
 
+@pytest.mark.parametrize(
+    "there, version, expected",
+    [
+        (["clang++-19", "g++"], "Debian clang version 19.1.7", ("clang++-19", True)),
+        (["clang++", "g++"], "clang version 20.1.0", ("clang++", True)),
+        (["clang++", "g++"], "Debian clang version 14.0.6", ("clang++", False)),
+        (["g++"], "g++ (Debian 12.2.0-14) 12.2.0", ("g++", False)),
+    ],
+)
+def test_only_a_new_clang_counts(monkeypatch, there, version, expected):
+    monkeypatch.setattr(build.shutil, "which", lambda name: name if name in there else None)
+    monkeypatch.setattr(build, "_version_of", lambda name: version)
+    assert build.compiler() == expected
+
+
+def test_no_compiler(monkeypatch):
+    monkeypatch.setattr(build.shutil, "which", lambda name: None)
+    with pytest.raises(build.CannotBuild, match="no C\\+\\+ compiler"):
+        build.compiler()
+
+
 def test_page_and_chart(timer, tmp_path):
     run = report.Run(3)
     run.describe("phipsi", build.Built([], "0.1", "rustc", "release"))
@@ -296,10 +350,12 @@ def test_page_and_chart(timer, tmp_path):
     other = Other("Pinocchio", ("inverse_dynamics", timer("x", 1000.0)))
     run.compare(CASE, "inverse_dynamics", ours(timer, 460.0), [other])
     run.chains.append({"bodies": 64, "ns_per_body": 50.0, "ratio": 1.0, "bar": None})
+    run.python.append(python.Figure("one call", 2100.0, "ns", 2000.0))
     (tmp_path / "images").mkdir()
     page.write(run.as_json(), tmp_path)
     text = (tmp_path / "speed.md").read_text()
     assert "| arm (2) | 460 ns | 1 µs · **0.46** † |" in text and "does not count" in text and "| 64 | 50.0 |" in text
+    assert "| one call | 2.1 µs | ≤ 2 µs |" in text and "one call: 2.1 µs (OVER 2 µs)" in run.text()
     root = ElementTree.parse(tmp_path / "images" / "speed.svg").getroot()
     dots = root.findall(".//{*}circle")
     assert len(dots) == 1 and dots[0].find("{*}title").text == "arm: 0.46"

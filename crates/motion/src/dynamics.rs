@@ -10,7 +10,8 @@ use crate::system::System;
 use phipsi_model::Model;
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{
-    DynamicsError, ForwardDynamics, InverseDynamics, Kinematics, Layout, center_of_mass, potential_energy,
+    DynamicsError, Form, FormChoice, FormForwardDynamics, InverseDynamics, Kinematics, Layout,
+    center_of_mass, potential_energy,
 };
 use phipsi_spatial::{Vec3, Wrench};
 use std::fmt;
@@ -68,7 +69,8 @@ pub struct Dynamics {
     slots: Vec<usize>,
     names: Vec<String>,
     kinematics: Kinematics<f64>,
-    forward: ForwardDynamics<f64>,
+    forward: FormForwardDynamics,
+    form_choice: Option<FormChoice>,
     inverse: InverseDynamics<f64>,
     rest: Vec<f64>,
     tau: Vec<f64>,
@@ -107,11 +109,13 @@ impl Dynamics {
             names.extend(force.auxiliary());
             slots.push(names.len());
         }
+        let (forward, form_choice) = forward(model, &layout, plan.form);
         let moving = layout.carriers().iter().filter(|c| c.body != GROUND);
         Ok(Dynamics {
             moving_mass: moving.map(|c| c.inertia.mass).sum(),
             kinematics: Kinematics::new(&layout),
-            forward: ForwardDynamics::new(&layout),
+            forward,
+            form_choice,
             inverse: InverseDynamics::new(&layout),
             rest: vec![0.0; model.nv()],
             tau: vec![0.0; model.nv()],
@@ -127,6 +131,21 @@ impl Dynamics {
     /// What is computed.
     pub fn plan(&self) -> &Plan {
         &self.plan
+    }
+    /// Another form of forward dynamics than the plan's.
+    pub fn set_form(&mut self, form: Form) {
+        if form != self.plan.form {
+            (self.forward, self.form_choice) = forward(&self.model, &self.layout, form);
+            self.plan.form = form;
+        }
+    }
+    /// The form that runs; never [`Form::Auto`].
+    pub fn form(&self) -> Form {
+        self.forward.form()
+    }
+    /// Why this form, where the plan's is [`Form::Auto`].
+    pub fn form_choice(&self) -> Option<&FormChoice> {
+        self.form_choice.as_ref()
     }
     /// The compiled model.
     pub fn layout(&self) -> &Layout<f64> {
@@ -256,6 +275,13 @@ impl Dynamics {
         }
         Ok(total)
     }
+}
+
+/// Forward dynamics in a form; with `Auto`, measured on the model.
+fn forward(model: &Model, layout: &Layout<f64>, form: Form) -> (FormForwardDynamics, Option<FormChoice>) {
+    let choice = (form == Form::Auto).then(|| FormChoice::of(model, layout));
+    let form = choice.map_or(form, |choice| choice.form);
+    (FormForwardDynamics::new(model, layout, form), choice)
 }
 
 impl System for Dynamics {

@@ -2,6 +2,7 @@
 
 use crate::force::Force;
 use phipsi_model::{JointKind, Model};
+use phipsi_recursion::Form;
 
 /// The parts of the dynamics that a scene uses.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -18,6 +19,8 @@ pub struct Plan {
     pub momentum: bool,
     /// Gravity is not zero.
     pub gravity: bool,
+    /// The form of forward dynamics that is asked for.
+    pub form: Form,
 }
 
 impl Plan {
@@ -36,11 +39,20 @@ impl Plan {
             impulse: momentum && (gravity || forces.iter().any(|f| f.is_external(model))),
             momentum,
             gravity,
+            form: Form::Auto,
         }
     }
     /// Everything, whether needed or not: the general code that a plan is compared with.
     pub fn everything() -> Self {
-        Plan { kinematics: true, wrenches: true, work: true, impulse: true, momentum: true, gravity: true }
+        Plan {
+            kinematics: true,
+            wrenches: true,
+            work: true,
+            impulse: true,
+            momentum: true,
+            gravity: true,
+            form: Form::Auto,
+        }
     }
     /// What is left out, one line each, for people.
     pub fn left_out(&self) -> Vec<String> {

@@ -7,7 +7,7 @@ use phipsi_motion::forces::{
     BodyWrench, Control, JointDissipation, JointSpring, JointTorque, PointSpring, Servo, WrenchAxes,
 };
 use phipsi_motion::{Conserved, Dynamics, Force, Method, Plan, Signal, System, balance};
-use phipsi_recursion::Kinematics;
+use phipsi_recursion::{Form, Kinematics};
 use phipsi_spatial::Vec3;
 
 /// A free base with a three-joint arm, damping and friction in the joints.
@@ -154,6 +154,34 @@ fn the_plan_equals_the_general_code() {
             }
             assert!(planned.auxiliary_len() <= general.auxiliary_len());
         }
+    }
+}
+
+/// Every form of forward dynamics gives the accelerations of the plan's, to rounding.
+#[test]
+fn every_form_gives_the_same_accelerations() {
+    let model = satellite([0.3, -0.2, -1.6]);
+    let mut dynamics = Dynamics::new(&model, every_force(&model)).unwrap();
+    assert_eq!(dynamics.form(), Form::Plain);
+    assert!(dynamics.form_choice().is_some_and(|choice| choice.is_sufficient()));
+    let s = model.random_state(1);
+    let n = dynamics.auxiliary_len();
+    let mut results = Vec::new();
+    for form in [Form::Plain, Form::Refined, Form::SquareRoot, Form::DoubleDouble] {
+        dynamics.set_form(form);
+        assert_eq!((dynamics.form(), dynamics.plan().form), (form, form));
+        assert!(dynamics.form_choice().is_none());
+        let (mut a, mut rates) = (vec![0.0; model.nv()], vec![0.0; n]);
+        dynamics.derivative(0.4, &s.q, &s.v, &vec![0.3; n], &mut a, &mut rates).unwrap();
+        results.push(a);
+    }
+    let exact = &results[3];
+    let scale = exact.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+    for (a, form) in results.iter().zip(Form::ALL.iter().skip(1)) {
+        let error = a.iter().zip(exact).fold(0.0f64, |m, (x, y)| m.max((x - y).abs())) / scale;
+        // Four steps of a sweep a body and a degree of freedom, as in the tests of the kernels.
+        let allowed = 4.0 * (model.len() + model.nv()) as f64 * f64::EPSILON;
+        assert!(error <= allowed, "{form}: {error:e}");
     }
 }
 

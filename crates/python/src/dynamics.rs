@@ -5,14 +5,11 @@ use crate::errors::{Failure, choice_error};
 use crate::model::{Compiled, Model, Names};
 use phipsi::motion::forces::passive_forces;
 use phipsi::recursion::{
-    ForwardDynamics, InverseDynamics, forward_info, joint_reactions, mass_matrix, mass_matrix_inverse,
-    multiply_by_mass_matrix, solve_mass_matrix,
+    Form, FormForwardDynamics, InverseDynamics, forward_info, joint_reactions, mass_matrix,
+    mass_matrix_inverse, multiply_by_mass_matrix, solve_mass_matrix,
 };
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
-
-/// Values of `form`.
-const FORMS: [&str; 2] = ["auto", "plain"];
 
 /// The hinge that loses most digits.
 ///
@@ -41,13 +38,16 @@ impl WorstHinge {
 /// How good a result of ``forward_dynamics`` is.
 ///
 /// ``backward_error``: |τ − inverse dynamics of the result| over the sum of |terms|, largest component; a float, or an
-/// array of the batch axes. ``worst_hinge``: a WorstHinge, of the whole batch; None if nothing moves.
+/// array of the batch axes. ``worst_hinge``: a WorstHinge, of the whole batch; None if nothing moves. ``form``: the form
+/// that ran.
 #[pyclass(frozen, get_all, module = "phipsi")]
 pub struct ForwardInfo {
     /// Backward error, float or array.
     pub backward_error: Py<PyAny>,
     /// The hinge that loses most digits.
     pub worst_hinge: Option<Py<WorstHinge>>,
+    /// The form that ran.
+    pub form: &'static str,
 }
 
 #[pymethods]
@@ -55,7 +55,7 @@ impl ForwardInfo {
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         let error = self.backward_error.bind(py).repr()?;
         let hinge = self.worst_hinge.as_ref().map_or("None".into(), |h| h.get().__repr__());
-        Ok(format!("ForwardInfo(backward_error={error}, worst_hinge={hinge})"))
+        Ok(format!("ForwardInfo(backward_error={error}, worst_hinge={hinge}, form='{}')", self.form))
     }
 }
 
@@ -70,7 +70,9 @@ impl Model {
     /// ----------
     /// q : (…, nq). v, tau : (…, nv); N·m or N.
     /// wrenches : {body: (…, 6)}, moment then force on the body, at its frame's origin, in its axes.
-    /// form : "auto" or "plain".
+    /// form : how rounding is dealt with. "plain": the recursion itself, which loses digits where heavy bodies hang on light
+    ///     ones; "refined": corrected once; "square_root": on factors of the inertias, loses none; "double_double": 32 digits;
+    ///     "auto": plain where that is good, which is measured once per model.
     /// info : True returns (result, ForwardInfo).
     ///
     /// Returns
@@ -79,7 +81,8 @@ impl Model {
     ///
     /// Raises
     /// ------
-    /// ArgumentError; NumericalError at a joint without articulated inertia; ModelError if the model has closures.
+    /// ArgumentError; NumericalError at a joint without articulated inertia; ModelError if the model has closures. Warns,
+    /// RuntimeWarning, where "auto" finds no form that is good.
     ///
     /// Example
     /// -------
@@ -88,8 +91,8 @@ impl Model {
     /// >>> a, info = m.forward_dynamics(q, v, [0.0, 0.0], info=True)
     /// >>> bool(info.backward_error < 1e-14)
     /// True
-    /// >>> info.worst_hinge.joint
-    /// 'shoulder'
+    /// >>> info.worst_hinge.joint, info.form
+    /// ('shoulder', 'plain')
     #[pyo3(signature = (q, v, tau, wrenches = None, form = "auto", info = false))]
     #[allow(clippy::too_many_arguments)]
     fn forward_dynamics<'py>(
@@ -102,19 +105,20 @@ impl Model {
         form: &str,
         info: bool,
     ) -> PyResult<Bound<'py, PyAny>> {
-        if !FORMS.contains(&form) {
-            return Err(choice_error(py, "form", form, &FORMS));
-        }
+        let Some(form) = Form::from_name(form) else {
+            return Err(choice_error(py, "form", form, &Form::ALL.map(Form::name)));
+        };
         let compiled = self.compiled();
         let layout = &compiled.layout;
         let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
         let (mut tau, mut wrenches) = (compiled.v(tau, "tau")?, compiled.wrenches(wrenches)?);
         let batch = Batch::of(py, [&mut q, &mut v, &mut tau].into_iter().chain(&mut wrenches.arguments))?;
         let nv = layout.nv();
+        let form = compiled.form(py, form)?;
         let out = batch.each(
             py,
             nv,
-            || (ForwardDynamics::new(layout), wrenches.workspace()),
+            || (FormForwardDynamics::new(&compiled.model, layout, form), wrenches.workspace()),
             |(work, scratch), i, out| {
                 let loads = wrenches.at(i, scratch);
                 Ok(work.run(layout, q.at(i), v.at(i), tau.at(i), loads, out)?)
@@ -148,7 +152,7 @@ impl Model {
             judged.map_err(|e| compiled.failure(py, &batch, e, Names::Other("a measure of the result")))?;
         let result = (
             batch.array(py, accelerations, &[nv])?,
-            Py::new(py, forward_judgement(py, &compiled, &batch, &judged)?)?,
+            Py::new(py, forward_judgement(py, &compiled, &batch, &judged, form)?)?,
         );
         result.into_bound_py_any(py)
     }
@@ -403,7 +407,7 @@ impl Model {
         wrenches: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let compiled = self.compiled();
-        let Compiled { model, layout } = &*compiled;
+        let Compiled { model, layout, .. } = &*compiled;
         let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
         let (mut a, mut wrenches) = (compiled.v(a, "a")?, compiled.wrenches(wrenches)?);
         let batch = Batch::of(py, [&mut q, &mut v, &mut a].into_iter().chain(&mut wrenches.arguments))?;
@@ -439,6 +443,7 @@ fn forward_judgement(
     compiled: &Compiled,
     batch: &Batch,
     judged: &[f64],
+    form: Form,
 ) -> PyResult<ForwardInfo> {
     let errors = judged.chunks(3).map(|x| x[0]).collect();
     let worst = judged.chunks(3).enumerate().filter(|(_, x)| x[1] >= 0.0);
@@ -449,5 +454,6 @@ fn forward_judgement(
     Ok(ForwardInfo {
         backward_error: batch.array(py, errors, &[])?.unbind(),
         worst_hinge: worst.transpose()?,
+        form: form.name(),
     })
 }

@@ -9,12 +9,13 @@ use crate::report::Report;
 use phipsi::formats::urdf::{Mimic, UrdfOptions, read_urdf, read_urdf_file};
 use phipsi::formats::{Loaded, Problem};
 use phipsi::model::{Base, JointKind};
-use phipsi::recursion::{Layout, singular_hinges};
+use phipsi::recursion::{Form, FormChoice, Layout, singular_hinges};
 use phipsi::spatial::{Vec3, Wrench};
+use pyo3::exceptions::PyRuntimeWarning;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use std::path::PathBuf;
-use std::sync::{Arc, PoisonError, RwLock};
+use std::sync::{Arc, OnceLock, PoisonError, RwLock};
 
 /// A model and its compiled form, both immutable.
 pub struct Compiled {
@@ -22,6 +23,8 @@ pub struct Compiled {
     pub model: phipsi::model::Model,
     /// What the recursions run on.
     pub layout: Layout<f64>,
+    /// The form of forward dynamics that the model needs, measured when it is first asked for.
+    form: OnceLock<FormChoice>,
 }
 
 /// A mechanism: bodies, joints and their names.
@@ -222,6 +225,7 @@ impl Model {
         *compiled = Arc::new(Compiled {
             model: compiled.model.clone().with_gravity(g),
             layout: compiled.layout.clone().with_gravity(Vec3(g)),
+            form: OnceLock::new(),
         });
         Ok(())
     }
@@ -364,7 +368,25 @@ pub enum Names {
 impl Compiled {
     /// Compiles a model.
     pub fn of(model: phipsi::model::Model) -> Self {
-        Compiled { layout: Layout::new(&model), model }
+        Compiled { layout: Layout::new(&model), model, form: OnceLock::new() }
+    }
+    /// The form that runs when `form` is asked for; warns, once, where none is good enough for the model.
+    ///
+    /// # Errors
+    /// A warning that Python turns into an error.
+    pub fn form(&self, py: Python<'_>, form: Form) -> PyResult<Form> {
+        if form != Form::Auto {
+            return Ok(form);
+        }
+        if let Some(choice) = self.form.get() {
+            return Ok(choice.form);
+        }
+        let choice = py.detach(|| *self.form.get_or_init(|| FormChoice::of(&self.model, &self.layout)));
+        if !choice.is_sufficient() {
+            let text = std::ffi::CString::new(format!("forward dynamics: {choice}")).unwrap_or_default();
+            PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 1)?;
+        }
+        Ok(choice.form)
     }
     /// Reads configurations; quaternions of length zero are refused.
     pub fn q(&self, object: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Argument> {

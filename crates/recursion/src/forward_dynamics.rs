@@ -269,22 +269,12 @@ kernel! {
 /// P a, where a hinge about z has no a along it.
 #[inline(always)]
 fn revolute_coriolis_force<T: Scalar>(P: &ArticulatedInertia<T>, a: Motion<T>) -> Wrench<T> {
-    let (J, C, m) = (&P.inertia, &P.coupling.0, &P.mass);
-    let ([x, y, _], [u, v, w]) = (a.angular.0, a.linear.0);
-    let across = |r: [T; 3], s: T| r[0].fma(u, r[1].fma(v, r[2].fma(w, s)));
-    let along = |j: usize| C[0][j].fma(x, C[1][j] * y);
-    Wrench::new(
-        Vec3([
-            across(C[0], J.xx.fma(x, J.xy * y)),
-            across(C[1], J.xy.fma(x, J.yy * y)),
-            across(C[2], J.xz.fma(x, J.yz * y)),
-        ]),
-        Vec3([
-            across([m.xx, m.xy, m.xz], along(0)),
-            across([m.xy, m.yy, m.yz], along(1)),
-            across([m.xz, m.yz, m.zz], along(2)),
-        ]),
-    )
+    let (J, C) = (&P.inertia, &P.coupling);
+    let [x, y, _] = a.angular.0;
+    let (cx, cy) = (C.row(0), C.row(1));
+    let angular = Vec3([J.xx.fma(x, J.xy * y), J.xy.fma(x, J.yy * y), J.xz.fma(x, J.yz * y)]);
+    let across = Vec3([cx.dot(a.linear), cy.dot(a.linear), C.row(2).dot(a.linear)]);
+    Wrench::new(angular + across, cx.scale_add(x, cy.scale_add(y, P.mass * a.linear)))
 }
 
 /// [`ForwardDynamics::run`] for a single call.

@@ -25,9 +25,11 @@
 #![allow(non_snake_case)]
 
 pub mod articulated_sweep;
+pub mod batch;
 mod columns;
 pub mod energy;
 pub mod error;
+pub mod form;
 pub mod forward_dynamics;
 pub mod forward_dynamics_derivatives;
 pub mod hinge;
@@ -44,10 +46,13 @@ mod link;
 pub mod mass_matrix;
 pub mod mass_matrix_inverse;
 pub mod momentum;
+pub mod refined_forward_dynamics;
+pub mod square_root_forward_dynamics;
 
 pub use articulated_sweep::ArticulatedSweep;
 pub use energy::{center_of_mass, kinetic_energy, potential_energy};
 pub use error::DynamicsError;
+pub use form::{Form, FormChoice, FormForwardDynamics};
 pub use forward_dynamics::{ForwardDynamics, ForwardInfo, WorstHinge, forward_dynamics, forward_info};
 pub use forward_dynamics_derivatives::{ForwardDynamicsDerivatives, forward_dynamics_derivatives};
 pub use hinge_check::singular_hinges;
@@ -63,3 +68,5 @@ pub use layout::Layout;
 pub use mass_matrix::{MassMatrix, mass_matrix};
 pub use mass_matrix_inverse::{mass_matrix_inverse, solve_mass_matrix};
 pub use momentum::{About, centroidal_momentum_matrix, momentum};
+pub use refined_forward_dynamics::{RefinedForwardDynamics, refined_forward_dynamics};
+pub use square_root_forward_dynamics::{SquareRootForwardDynamics, square_root_forward_dynamics};

@@ -149,48 +149,56 @@ impl<C: Real> Link<C> {
     ) -> (Shift<T>, Option<Transform<T>>) {
         let offset = Vec3::constant(self.offset);
         let last = Turn::constant(&self.last);
-        let axis = || Vec3([T::zero(), -T::constant(self.twist.sin), T::constant(self.twist.cos)]);
-        let plane = |x: Vec3<T>| self.twist_up(last.up(Axis::Z, x));
         let shift = match hinge {
             Hinge::Revolute => self.hinged(self.turned(q[0])),
-            Hinge::Prismatic => Shift { turn: last, offset: offset + axis().scale(q[0]) },
+            Hinge::Prismatic => Shift { turn: last, offset: offset + self.axis::<T>().scale(q[0]) },
             Hinge::Helical { pitch } => Shift {
                 turn: Turn::by(q[0]).then(last),
-                offset: offset + axis().scale(T::constant(*pitch) * q[0]),
+                offset: offset + self.axis::<T>().scale(T::constant(*pitch) * q[0]),
             },
             Hinge::Cylindrical => {
-                Shift { turn: Turn::by(q[0]).then(last), offset: offset + axis().scale(q[1]) }
+                Shift { turn: Turn::by(q[0]).then(last), offset: offset + self.axis::<T>().scale(q[1]) }
             }
             Hinge::Planar => Shift {
                 turn: Turn::by(q[2]).then(last),
-                offset: offset + plane(Vec3([q[0], q[1], T::zero()])),
+                offset: offset + self.vector_up(last, Vec3([q[0], q[1], T::zero()])),
             },
-            Hinge::Translation => Shift { turn: last, offset: offset + plane(Vec3([q[0], q[1], q[2]])) },
+            Hinge::Translation => {
+                Shift { turn: last, offset: offset + self.vector_up(last, Vec3([q[0], q[1], q[2]])) }
+            }
             Hinge::Spherical => {
                 let r = Quaternion([q[0], q[1], q[2], q[3]]).to_rotation();
                 return (Shift::identity(), Some(self.general(&r, offset)));
             }
             Hinge::Free => {
                 let r = Quaternion([q[3], q[4], q[5], q[6]]).to_rotation();
-                let moved = offset + plane(Vec3([q[0], q[1], q[2]]));
+                let moved = offset + self.vector_up(last, Vec3([q[0], q[1], q[2]]));
                 return (Shift::identity(), Some(self.general(&r, moved)));
             }
         };
         (shift, None)
     }
+    /// The joint's axis, before Z(θ₀).
+    #[inline(always)]
+    fn axis<T: Scalar<Constant = C>>(&self) -> Vec3<T> {
+        Vec3([T::zero(), -T::constant(self.twist.sin), T::constant(self.twist.cos)])
+    }
     #[inline(always)]
     fn general<T: Scalar<Constant = C>>(&self, r: &Mat3<T>, offset: Vec3<T>) -> Transform<T> {
         let last = Turn::constant(&self.last);
-        let column = |j: usize| self.first_up(self.vector_up(last, r.column(j)));
-        Transform::new(Mat3::from_columns(column(0), column(1), column(2)), self.first_up(offset))
+        let x = self.first_up(self.vector_up(last, r.column(0)));
+        let y = self.first_up(self.vector_up(last, r.column(1)));
+        let z = self.first_up(self.vector_up(last, r.column(2)));
+        Transform::new(Mat3::from_columns(x, y, z), self.first_up(offset))
     }
     /// The pose of the body in its parent.
     #[inline(always)]
     pub(crate) fn pose<T: Scalar<Constant = C>>(&self, shift: &Shift<T>) -> Transform<T> {
-        let column = |v: Vec3<T>| self.first_up(self.twist_up(v));
         let (Turn { cos, sin }, o) = (shift.turn, T::zero());
-        let (x, y) = (column(Vec3([cos, sin, o])), column(Vec3([-sin, cos, o])));
-        Transform::new(Mat3::from_columns(x, y, column(Vec3::unit(2))), self.first_up(shift.offset))
+        let x = self.first_up(self.twist_up(Vec3([cos, sin, o])));
+        let y = self.first_up(self.twist_up(Vec3([-sin, cos, o])));
+        let z = self.first_up(self.axis());
+        Transform::new(Mat3::from_columns(x, y, z), self.first_up(shift.offset))
     }
 
     #[inline(always)]

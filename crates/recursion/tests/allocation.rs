@@ -3,8 +3,8 @@
 use allocation_counter::measure;
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{
-    ArticulatedSweep, ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics,
-    InverseDynamicsDerivatives, Kinematics, Layout, body_pose, body_velocity,
+    ArticulatedSweep, Form, FormForwardDynamics, ForwardDynamics, ForwardDynamicsDerivatives,
+    InverseDynamics, InverseDynamicsDerivatives, Kinematics, Layout, MassMatrix, body_pose, body_velocity,
 };
 use phipsi_reference::generate::case;
 
@@ -27,6 +27,8 @@ fn kernels_do_not_allocate() {
         let mut out = vec![0.0; case.model.nv()];
         let mut forward = ForwardDynamics::new(&layout);
         let mut inverse = InverseDynamics::new(&layout);
+        let mut mass_matrix = MassMatrix::new(&layout);
+        let mut matrix = vec![0.0; out.len() * out.len()];
         let mut inverse_derivatives = InverseDynamicsDerivatives::new(&layout);
         let mut forward_derivatives = ForwardDynamicsDerivatives::new(&layout);
         let square = vec![0.0; case.model.nv() * case.model.nv()];
@@ -37,6 +39,12 @@ fn kernels_do_not_allocate() {
         assert_none("forward dynamics", seed, || {
             forward.run(&layout, q, v, &case.tau, wrenches, &mut out).unwrap();
         });
+        for form in Form::ALL {
+            let mut forward = FormForwardDynamics::new(&case.model, &layout, form);
+            assert_none(form.name(), seed, || {
+                forward.run(&layout, q, v, &case.tau, wrenches, &mut out).unwrap();
+            });
+        }
         assert_none("inverse dynamics", seed, || {
             inverse.run(&layout, q, v, &case.a, wrenches, &mut out).unwrap();
         });
@@ -48,6 +56,7 @@ fn kernels_do_not_allocate() {
             let out = (&mut d_dq, &mut d_dv, &mut d_last);
             forward_derivatives.run(&layout, q, v, &case.tau, wrenches, out.0, out.1, out.2).unwrap();
         });
+        assert_none("mass matrix", seed, || mass_matrix.run(&layout, q, &mut matrix).unwrap());
         assert_none("factors", seed, || sweep.update(&layout, q).unwrap());
         assert_none("solve", seed, || sweep.solve_in_place(&layout, &mut out, &mut workspace));
         assert_none("square roots", seed, || {

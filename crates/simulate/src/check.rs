@@ -200,6 +200,9 @@ impl fmt::Display for Checked {
         writeln!(f, "joints: {}", c.joint_names.join(", "))?;
         if let Some(plan) = &c.plan {
             writeln!(f, "method: {} ({})", plan.describe(), plan.why)?;
+            if let Some(form) = plan.describe_form() {
+                writeln!(f, "forward dynamics: {form}")?;
+            }
             writeln!(f, "left out:")?;
             for line in &plan.left_out {
                 writeln!(f, "  {line}")?;

@@ -11,7 +11,7 @@
 //! | `[[joint]]` | `name`, `type`, `parent`, `child`, `origin` = { `xyz`, `rpy` }, `axis`, `axis2`, `pitch`, `limit`, `dynamics`, `mimic` |
 //! | `[initial]` | `q.JOINT`, `v.JOINT`: a number, or a list for joints with several coordinates; others are neutral |
 //! | `[[force]]` | `kind` with its parameters, see below; `name` |
-//! | `[integrator]` | `t_end`; `method` = "auto", "dop853", "tsit5" with `rtol`, `atol`, `max_step`, or "rk4", "midpoint" with `step`; `estimate` |
+//! | `[integrator]` | `t_end`; `method` = "auto", "dop853", "tsit5" with `rtol`, `atol`, `max_step`, or "rk4", "midpoint" with `step`; `estimate`; `form` of forward dynamics |
 //! | `[record]` | `every`, s; `checkpoint_s`, wall time between checkpoints (2; 0: after every step) |
 //! | `[outputs]` | NAME = { … }, see below |
 //! | `[reference]` | `source`, NAME = known value of an output at the end |
@@ -211,6 +211,10 @@ fn read(
     }
     simulation.tolerances = settings.tolerances;
     simulation.estimate = settings.estimate;
+    simulation.dynamics.set_form(settings.form);
+    if let Some(warning) = simulation.form_warning() {
+        report.warnings.push(warning);
+    }
     simulation.every = every;
     simulation.outputs = outputs;
     simulation.known = known;

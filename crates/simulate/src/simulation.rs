@@ -2,6 +2,7 @@
 
 use crate::molecule::Molecule;
 use crate::output::{KnownValue, Output};
+use phipsi_formats::Problem;
 use phipsi_model::{Model, State};
 use phipsi_motion::forces::JointDissipation;
 use phipsi_motion::{Dynamics, Force, Method, Scheme, System, Tolerances};
@@ -172,6 +173,24 @@ impl Simulation {
     /// Time of the k-th recorded sample.
     pub fn sample_time(&self, k: u64) -> f64 {
         if k + 1 >= self.samples() { self.t_end } else { self.start.t + k as f64 * self.every }
+    }
+    /// The form of forward dynamics and why it is that one, for people; `None` where the method has none.
+    pub fn form(&self) -> Option<(&'static str, String)> {
+        if let Scheme::Midpoint { .. } = self.choice.method {
+            return None;
+        }
+        let why = self.dynamics.form_choice().map_or("asked for".into(), |choice| choice.why());
+        Some((self.dynamics.form().name(), why))
+    }
+    /// Where no form of forward dynamics is accurate enough.
+    pub(crate) fn form_warning(&self) -> Option<Problem> {
+        self.form()?;
+        let choice = self.dynamics.form_choice().filter(|choice| !choice.is_sufficient())?;
+        let found =
+            format!("forward dynamics errs by {:.0e} in its best form, {}", choice.error, choice.form);
+        let required = format!("an error up to {:.0e}", choice.limit);
+        let remedy = "expect as few digits, or bring masses and lengths closer together";
+        Some(Problem::new(None, "model", found, required, remedy))
     }
     /// What the plan leaves out, for people.
     pub fn left_out(&self) -> Vec<String> {

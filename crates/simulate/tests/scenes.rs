@@ -256,3 +256,55 @@ fn the_midpoint_method_keeps_energy_to_second_order_and_lands_on_its_steps() {
     let failed = run(&mut scene(&driven).unwrap().simulation, &mut Recording::default()).unwrap_err();
     assert!(failed.to_string().contains("`torque 0` has no potential energy"), "{failed}");
 }
+
+/// The form of forward dynamics: what the model needs, or what is asked for; said by the plan.
+#[test]
+fn the_plan_names_the_form_of_forward_dynamics() {
+    let form = |text: &str| scene(text).unwrap().simulation.form();
+    let (name, why) = form(PENDULUM).unwrap();
+    assert_eq!(name, "plain");
+    assert!(why.contains("error at the states tried"), "{why}");
+    for asked in ["plain", "refined", "square_root", "double_double"] {
+        let text = PENDULUM.replace("rtol = 1e-10", &format!("rtol = 1e-10\nform = \"{asked}\""));
+        assert_eq!(form(&text), Some((asked, "asked for".into())));
+        let mut scene = scene(&text).unwrap();
+        assert_eq!(
+            phipsi_simulate::folder::results::Plan::new(&scene.simulation).form.as_deref(),
+            Some(asked)
+        );
+        let summary = run(&mut scene.simulation, &mut Recording::default()).unwrap();
+        assert!(summary.energy_error < 1e-9, "{asked}: {:e}", summary.energy_error);
+    }
+    let midpoint = PENDULUM.replace("rtol = 1e-10", "method = \"midpoint\"\nstep = 0.01");
+    assert_eq!(form(&midpoint), None);
+    let e = error("rtol = 1e-10", "method = \"midpoint\"\nstep = 0.01\nform = \"plain\"");
+    assert!(e.remedy.contains("form") && e.line.is_some(), "{e:?}");
+    let e = error("rtol = 1e-10", "form = \"square_rot\"");
+    assert_eq!(e.remedy, "did you mean `square_root`?");
+}
+
+/// A tip a million times heavier than ten links: `auto` takes the square-root form.
+#[test]
+fn a_heavy_tip_gets_the_square_root_form() {
+    let mut text = String::from("title = \"chain\"\n");
+    let mut parent = "world".to_string();
+    for k in 0..10 {
+        let mass = if k == 9 { 1e6 } else { 1.0 };
+        let moment = mass / 12.0;
+        let x = if k == 0 { 0.0 } else { 1.0 };
+        let axis = if k % 2 == 0 { "[0, 1, 0]" } else { "[0, 0, 1]" };
+        text += &format!(
+            "[[body]]\nname = \"b{k}\"\ninertial = {{ mass = {mass}, origin = {{ xyz = [0.5, 0, 0] }}, \
+             inertia = {{ ixx = {}, iyy = {moment}, izz = {moment} }} }}\n\
+             [[joint]]\nname = \"j{k}\"\ntype = \"continuous\"\nparent = \"{parent}\"\nchild = \"b{k}\"\n\
+             axis = {axis}\norigin = {{ xyz = [{x}, 0, 0] }}\n",
+            0.01 * mass
+        );
+        parent = format!("b{k}");
+    }
+    text += "[integrator]\nt_end = 0.1\n";
+    let scene = scene(&text).unwrap();
+    let (name, why) = scene.simulation.form().unwrap();
+    assert_eq!(name, "square_root", "{why}");
+    assert!(why.contains("of the plain form"), "{why}");
+}

@@ -77,6 +77,26 @@ pub trait Lanes: Scalar<Constant = f64, Arithmetic = Self> {
     fn from_lanes(f: impl FnMut(usize) -> f64) -> Self;
     /// Lane i.
     fn lane(self, i: usize) -> f64;
+    /// The numbers in memory: lane after lane, then the next of `x`.
+    fn numbers(x: &[Self]) -> &[f64];
+    /// The numbers in memory, to write.
+    fn numbers_mut(x: &mut [Self]) -> &mut [f64];
+    /// Lane `lane` of each of `out` becomes a number of `row`.
+    ///
+    /// By memory, not by registers: a register that is read long after its lanes were written waits for nothing.
+    #[inline(always)]
+    fn pack(row: &[f64], lane: usize, out: &mut [Self]) {
+        for (group, &x) in Self::numbers_mut(out).chunks_exact_mut(Self::LANES).zip(row) {
+            group[lane] = x;
+        }
+    }
+    /// The reverse of [`Lanes::pack`].
+    #[inline(always)]
+    fn unpack(x: &[Self], lane: usize, row: &mut [f64]) {
+        for (group, to) in Self::numbers(x).chunks_exact(Self::LANES).zip(row) {
+            *to = group[lane];
+        }
+    }
 }
 
 /// Work that is generic over the number of lanes.
@@ -116,6 +136,22 @@ pub fn widest<V: Visitor>(visitor: V) -> V::Output {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(transparent)]
 pub struct Fused(pub f64);
+
+/// [`Lanes::numbers`] of a type that is nothing but its lanes.
+macro_rules! numbers_in_memory {
+    () => {
+        #[inline(always)]
+        fn numbers(x: &[Self]) -> &[f64] {
+            // SAFETY: the type is transparent over its lanes of f64, and aligned for them.
+            unsafe { core::slice::from_raw_parts(x.as_ptr().cast(), x.len() * Self::LANES) }
+        }
+        #[inline(always)]
+        fn numbers_mut(x: &mut [Self]) -> &mut [f64] {
+            // SAFETY: as above; every pattern of bits is an f64.
+            unsafe { core::slice::from_raw_parts_mut(x.as_mut_ptr().cast(), x.len() * Self::LANES) }
+        }
+    };
+}
 
 /// The operators that follow from the binary ones.
 macro_rules! assigning_operators {
@@ -246,6 +282,7 @@ impl Lanes for Fused {
     fn lane(self, _: usize) -> f64 {
         self.0
     }
+    numbers_in_memory!();
 }
 
 impl Quadrants for Fused {

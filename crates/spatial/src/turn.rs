@@ -226,35 +226,32 @@ impl<T: Scalar> Turn<T> {
 /// C + l~ m.
 #[inline(always)]
 pub fn shift_coupling<T: Scalar>(C: &Mat3<T>, m: &Sym3<T>, l: Vec3<T>) -> Mat3<T> {
-    let ([x, y, z], C) = (l.0, &C.0);
-    let column = |j: usize, [a, b, c]: [T; 3]| {
-        [y.fma(c, (-z).fma(b, C[0][j])), z.fma(a, (-x).fma(c, C[1][j])), x.fma(b, (-y).fma(a, C[2][j]))]
-    };
-    let [a0, a1, a2] = column(0, [m.xx, m.xy, m.xz]);
-    let [b0, b1, b2] = column(1, [m.xy, m.yy, m.yz]);
-    let [c0, c1, c2] = column(2, [m.xz, m.yz, m.zz]);
-    Mat3([[a0, b0, c0], [a1, b1, c1], [a2, b2, c2]])
+    Mat3::from_columns(
+        l.cross_add(m.column(0), C.column(0)),
+        l.cross_add(m.column(1), C.column(1)),
+        l.cross_add(m.column(2), C.column(2)),
+    )
 }
 
 /// J + l~ Cᵀ + C' l~ᵀ with C' from [`shift_coupling`].
 #[inline(always)]
 pub fn shift_inertia<T: Scalar>(J: &Sym3<T>, C: &Mat3<T>, moved: &Mat3<T>, l: Vec3<T>) -> Sym3<T> {
     let ([x, y, z], C, N) = (l.0, &C.0, &moved.0);
-    // Row i of l~ Cᵀ is l crossed into the columns of Cᵀ; of C' l~ᵀ, row i of C' crossed by l.
-    let row0 = |J: T, j: usize| y.fma(C[j][2], (-z).fma(C[j][1], J));
-    let row1 = |J: T, j: usize| z.fma(C[j][0], (-x).fma(C[j][2], J));
-    let row2 = |J: T, j: usize| x.fma(C[j][1], (-y).fma(C[j][0], J));
-    let column0 = |J: T, i: usize| y.fma(N[i][2], (-z).fma(N[i][1], J));
-    let column1 = |J: T, i: usize| z.fma(N[i][0], (-x).fma(N[i][2], J));
-    let column2 = |J: T, i: usize| x.fma(N[i][1], (-y).fma(N[i][0], J));
+    // Entry (i, j): (l × row j of C)_i + (l × row i of C')_j.
     Sym3 {
-        xx: column0(row0(J.xx, 0), 0),
-        xy: column1(row0(J.xy, 1), 0),
-        xz: column2(row0(J.xz, 2), 0),
-        yy: column1(row1(J.yy, 1), 1),
-        yz: column2(row1(J.yz, 2), 1),
-        zz: column2(row2(J.zz, 2), 2),
+        xx: cross_entry(y, z, N[0][1], N[0][2], cross_entry(y, z, C[0][1], C[0][2], J.xx)),
+        xy: cross_entry(z, x, N[0][2], N[0][0], cross_entry(y, z, C[1][1], C[1][2], J.xy)),
+        xz: cross_entry(x, y, N[0][0], N[0][1], cross_entry(y, z, C[2][1], C[2][2], J.xz)),
+        yy: cross_entry(z, x, N[1][2], N[1][0], cross_entry(z, x, C[1][2], C[1][0], J.yy)),
+        yz: cross_entry(x, y, N[1][0], N[1][1], cross_entry(z, x, C[2][2], C[2][0], J.yz)),
+        zz: cross_entry(x, y, N[2][0], N[2][1], cross_entry(x, y, C[2][0], C[2][1], J.zz)),
     }
+}
+
+/// J + a d − b c: one component of a cross product.
+#[inline(always)]
+fn cross_entry<T: Scalar>(a: T, b: T, c: T, d: T, J: T) -> T {
+    a.fma(d, (-b).fma(c, J))
 }
 
 impl<T: Scalar> ArticulatedInertia<T> {

@@ -136,8 +136,8 @@ impl<T: Scalar> Mat3<T> {
     /// Constants of the model, in every lane.
     #[inline(always)]
     pub fn constant(m: &Mat3<T::Constant>) -> Self {
-        let row = |i: usize| Vec3::constant(Vec3(m.0[i])).0;
-        Mat3([row(0), row(1), row(2)])
+        let [a, b, c] = m.0;
+        Mat3([Vec3::constant(Vec3(a)).0, Vec3::constant(Vec3(b)).0, Vec3::constant(Vec3(c)).0])
     }
     /// The matrix with these columns.
     #[inline(always)]
@@ -253,8 +253,14 @@ impl<T: Scalar> Sym3<T> {
     #[inline(always)]
     pub fn rotate(&self, r: &Mat3<T>) -> Self {
         let rs = *r * self.to_mat3();
-        let at = |i: usize, j: usize| rs.row(i).dot(r.row(j));
-        Sym3 { xx: at(0, 0), xy: at(0, 1), xz: at(0, 2), yy: at(1, 1), yz: at(1, 2), zz: at(2, 2) }
+        Sym3 {
+            xx: rs.row(0).dot(r.row(0)),
+            xy: rs.row(0).dot(r.row(1)),
+            xz: rs.row(0).dot(r.row(2)),
+            yy: rs.row(1).dot(r.row(1)),
+            yz: rs.row(1).dot(r.row(2)),
+            zz: rs.row(2).dot(r.row(2)),
+        }
     }
     /// S += s (a bᵀ + b aᵀ)/2 with a = b: the symmetric rank-one update s a aᵀ.
     #[inline(always)]

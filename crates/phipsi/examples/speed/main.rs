@@ -8,7 +8,7 @@ mod protocol;
 use phipsi::model::{Base, Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random};
 use phipsi::prelude::{Mimic, UrdfOptions, read_urdf_file};
 use phipsi::recursion::{
-    ForwardDynamics, InverseDynamics, Layout, centroidal_momentum_matrix, jacobian, mass_matrix,
+    ForwardDynamics, InverseDynamics, Layout, MassMatrix, centroidal_momentum_matrix, jacobian,
     mass_matrix_inverse,
 };
 use protocol::{Call, Failure, Operation, Program, States, serve};
@@ -71,13 +71,10 @@ impl Program for Open {
                 let mut workspace = InverseDynamics::new(layout);
                 one(nv, Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), s.v(i), s.a(i), None, out)?)))
             }
-            "mass_matrix" => one(
-                nv * nv,
-                Box::new(move |i, out| {
-                    out.copy_from_slice(&mass_matrix(layout, s.q(i))?);
-                    Ok(())
-                }),
-            ),
+            "mass_matrix" => {
+                let mut workspace = MassMatrix::new(layout);
+                one(nv * nv, Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), out)?)))
+            }
             "mass_matrix_inverse" => one(
                 nv * nv,
                 Box::new(move |i, out| {
@@ -123,4 +120,83 @@ fn chain(n: usize) -> Result<Model, Failure> {
 
 fn main() -> Result<(), Failure> {
     serve::<Open>()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use phipsi::recursion::{forward_dynamics, inverse_dynamics};
+    use protocol::reply;
+
+    /// The answers to questions, in one session.
+    fn session(lines: &[&str]) -> Vec<String> {
+        let mut open = None;
+        lines
+            .iter()
+            .map(|line| reply::<Open>(&mut open, line).unwrap_or_else(|reason| format!("error: {reason}")))
+            .collect()
+    }
+
+    fn result(answer: &str) -> Vec<f64> {
+        let numbers = answer.strip_prefix("result ").expect("a result").split(' ');
+        numbers.map(|x| x.parse().expect("a number")).collect()
+    }
+
+    #[test]
+    fn results_are_the_kernels() {
+        let open = Open::open("chain:5").expect("a chain");
+        let s = open.states("random:3").expect("states");
+        let answers = session(&[
+            "chain:5 forward_dynamics random:3 -2",
+            "chain:5 inverse_dynamics random:3 0",
+            // States are cycled.
+            "chain:5 forward_dynamics random:3 -5",
+        ]);
+        let forward = forward_dynamics(&open.layout, s.q(2), s.v(2), s.tau(2), None).expect("accelerations");
+        let inverse = inverse_dynamics(&open.layout, s.q(0), s.v(0), s.a(0), None).expect("forces");
+        assert_eq!(result(&answers[0]), forward);
+        assert_eq!(result(&answers[1]), inverse);
+        assert_eq!(answers[2], answers[0]);
+    }
+
+    #[test]
+    fn times_are_positive_and_checksums_those_of_the_last_call() {
+        let answers = session(&["chain:5 mass_matrix random:3 3", "chain:5 mass_matrix random:3 -2"]);
+        let (ns, sum) = answers[0].split_once(' ').expect("two numbers");
+        assert!(ns.parse::<f64>().expect("a time") > 0.0);
+        assert_eq!(sum.parse::<f64>().expect("a sum"), result(&answers[1]).iter().sum::<f64>());
+    }
+
+    #[test]
+    fn every_operation_has_its_size() {
+        for (operation, size) in [
+            ("forward_dynamics", 5),
+            ("inverse_dynamics", 5),
+            ("mass_matrix", 25),
+            ("mass_matrix_inverse", 25),
+            ("jacobian", 30),
+            ("centroidal", 30),
+        ] {
+            let answer = session(&[&format!("chain:5 {operation} random:1 0")]);
+            assert_eq!(result(&answer[0]).len(), size, "{operation}");
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_is_answered_in_words() {
+        let answers = session(&[
+            "chain:5 flying random:3 1",
+            "nowhere.urdf forward_dynamics random:3 1",
+            "chain:5 forward_dynamics nowhere 1",
+            "chain:5 forward_dynamics random:3",
+            "chain:5 forward_dynamics random:3 many",
+            "chain:x forward_dynamics random:3 1",
+            "chain:5 forward_dynamics random:0 1",
+            "chain:5 forward_dynamics random:3 0",
+        ]);
+        assert_eq!(answers[0], "unsupported");
+        assert!(answers[1..7].iter().all(|a| a.starts_with("error: ")), "{answers:?}");
+        // The session goes on.
+        assert_eq!(result(&answers[7]).len(), 5);
+    }
 }

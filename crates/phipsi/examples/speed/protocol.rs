@@ -1,11 +1,12 @@
 //! What the timers share: one line per question on standard input, one line per answer on standard output.
 //!
 //! Question: `MODEL OPERATION STATES-FILE REPETITIONS`, for the others of `validation/speed` too.
-//! Answer: `NS CHECKSUM` for REPETITIONS > 0: thread CPU time per state, and the sum of the last call's results;
+//! Answer: `NS CHECKSUM` for REPETITIONS > 0: CPU time per state (of the thread; of a batch: of all threads), and the sum of the
+//! last call's results;
 //! `result X X …` for REPETITIONS ≤ 0: the results at state −REPETITIONS; `unsupported`; or `error: REASON`.
 //! States: `COUNT NQ NV`, then q, v, tau, a of each state; calls cycle through them.
 
-use cpu_time::ThreadTime;
+use cpu_time::{ProcessTime, ThreadTime};
 use std::io::{BufRead, Write};
 
 /// Why something failed.
@@ -27,9 +28,6 @@ impl States {
         let mut header =
             || words.next().ok_or("the states lack their header")?.parse().map_err(Failure::from);
         let (count, nq, nv): (usize, usize, usize) = (header()?, header()?, header()?);
-        if count == 0 {
-            return Err("there are no states".into());
-        }
         let mut rows: [Vec<f64>; 4] = Default::default();
         for _ in 0..count {
             for (row, n) in rows.iter_mut().zip([nq, nv, nv, nv]) {
@@ -75,7 +73,7 @@ pub type Call<'a> = Box<dyn FnMut(usize, &mut [f64]) -> Result<(), Failure> + 'a
 pub struct Operation<'a> {
     /// Results per state.
     pub size: usize,
-    /// Computes all states in one call, whatever its argument.
+    /// Computes all states in one call, whatever its argument; results state by state.
     pub batch: bool,
     pub call: Call<'a>,
 }
@@ -104,24 +102,27 @@ fn answer(operation: Operation<'_>, states: &States, repetitions: i64) -> Result
     }
     let calls = (repetitions as usize).div_ceil(per_call);
     let mut state = 0;
-    let begun = ThreadTime::try_now()?;
+    let begun = (ThreadTime::try_now()?, ProcessTime::try_now()?);
     for _ in 0..calls {
         call(state, &mut out)?;
         state = if state + 1 == states.count { 0 } else { state + 1 };
     }
-    let ns = begun.try_elapsed()?.as_nanos() as f64 / (calls * per_call) as f64;
+    // A batch may run on several threads: what all of them took together.
+    let time = if batch { begun.1.try_elapsed()? } else { begun.0.try_elapsed()? };
+    let ns = time.as_nanos() as f64 / (calls * per_call) as f64;
     Ok(format!("{ns} {:e}", out.iter().sum::<f64>()))
 }
 
 /// What stays open between questions.
-struct Open<P> {
+pub struct Session<P> {
     name: String,
     program: P,
     states_name: String,
     states: States,
 }
 
-fn reply<P: Program>(open: &mut Option<Open<P>>, line: &str) -> Result<String, Failure> {
+/// The answer to one question.
+pub fn reply<P: Program>(open: &mut Option<Session<P>>, line: &str) -> Result<String, Failure> {
     let words: Vec<&str> = line.split_ascii_whitespace().collect();
     let [model, operation, states, repetitions] = words[..] else {
         return Err("four words are required".into());
@@ -129,8 +130,12 @@ fn reply<P: Program>(open: &mut Option<Open<P>>, line: &str) -> Result<String, F
     let repetitions: i64 = repetitions.parse()?;
     if open.as_ref().is_none_or(|o| o.name != model) {
         let program = P::open(model)?;
-        *open =
-            Some(Open { name: model.into(), program, states_name: String::new(), states: States::default() });
+        *open = Some(Session {
+            name: model.into(),
+            program,
+            states_name: String::new(),
+            states: States::default(),
+        });
     }
     let Some(open) = open else { return Err("no model is open".into()) };
     if open.states_name != states {
@@ -139,6 +144,9 @@ fn reply<P: Program>(open: &mut Option<Open<P>>, line: &str) -> Result<String, F
             None => States::read(&std::fs::read_to_string(states)?)?,
         };
         open.states_name = states.into();
+    }
+    if open.states.count == 0 {
+        return Err("there are no states".into());
     }
     match open.program.operation(operation, &open.states)? {
         Some(operation) => answer(operation, &open.states, repetitions),

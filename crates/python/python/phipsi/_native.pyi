@@ -85,6 +85,8 @@ class ForwardInfo:
     def backward_error(self) -> float | NDArray[np.float64]: ...
     @property
     def worst_hinge(self) -> WorstHinge | None: ...
+    @property
+    def form(self) -> Literal["plain", "refined", "square_root", "double_double"]: ...
 
 @final
 class Model:
@@ -134,7 +136,7 @@ class Model:
         v: ArrayLike,
         tau: ArrayLike,
         wrenches: dict[str, ArrayLike] | None = None,
-        form: Literal["auto", "plain"] = "auto",
+        form: Literal["auto", "plain", "refined", "square_root", "double_double"] = "auto",
         info: Literal[False] = False,
     ) -> NDArray[np.float64]: ...
     @overload
@@ -144,7 +146,7 @@ class Model:
         v: ArrayLike,
         tau: ArrayLike,
         wrenches: dict[str, ArrayLike] | None = None,
-        form: Literal["auto", "plain"] = "auto",
+        form: Literal["auto", "plain", "refined", "square_root", "double_double"] = "auto",
         *,
         info: Literal[True],
     ) -> tuple[NDArray[np.float64], ForwardInfo]: ...

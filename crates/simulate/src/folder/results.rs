@@ -77,6 +77,12 @@ pub struct Plan {
     pub t_end: f64,
     /// Unit of time: "s", or "ps" for a molecule.
     pub time_unit: String,
+    /// The form of forward dynamics, of a method that has accelerations.
+    #[serde(default)]
+    pub form: Option<String>,
+    /// Why this one.
+    #[serde(default)]
+    pub form_why: Option<String>,
     /// What the scene does not need.
     pub left_out: Vec<String>,
 }
@@ -225,6 +231,7 @@ impl Plan {
     pub fn new(simulation: &Simulation) -> Self {
         let method = simulation.choice.method;
         let step = method.fixed_step();
+        let (form, form_why) = simulation.form().map(|(form, why)| (form.into(), why)).unzip();
         let tolerance = |x: f64| if step.is_none() { Some(x) } else { None };
         Plan {
             method: method_name(method).into(),
@@ -234,8 +241,14 @@ impl Plan {
             step,
             t_end: simulation.t_end,
             time_unit: simulation.time_unit().into(),
+            form,
+            form_why,
             left_out: simulation.left_out(),
         }
+    }
+    /// The form of forward dynamics and why, in a line.
+    pub fn describe_form(&self) -> Option<String> {
+        Some(format!("{} ({})", self.form.as_ref()?, self.form_why.as_ref()?))
     }
     /// Method and error control in a few words.
     pub fn describe(&self) -> String {

@@ -32,6 +32,9 @@ fn of_results(file: &RunFile, results: &Results) -> Vec<(&'static str, Vec<Strin
         ("wall time", vec![format!("{:.3} s", results.wall_s)]),
         ("energy error", vec![format!("{:.1e}", results.energy_error)]),
     ];
+    if let Some(form) = plan.describe_form() {
+        rows.insert(2, ("forward dynamics", vec![form]));
+    }
     if let Some(m) = &results.momentum_error {
         rows.push(("momentum error", vec![format!("angular {:.1e}, linear {:.1e}", m.angular, m.linear)]));
     }

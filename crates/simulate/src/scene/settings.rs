@@ -6,6 +6,7 @@ use crate::simulation::{Choice, DEFAULT_TOLERANCE};
 use phipsi_formats::{Problem, Report};
 use phipsi_model::{JointKind, Model, State};
 use phipsi_motion::{Method, Scheme, Tolerances};
+use phipsi_recursion::Form;
 
 /// What `[integrator]` says.
 pub(crate) struct IntegratorSettings {
@@ -13,6 +14,7 @@ pub(crate) struct IntegratorSettings {
     pub(crate) tolerances: Tolerances,
     pub(crate) t_end: f64,
     pub(crate) estimate: bool,
+    pub(crate) form: Form,
 }
 
 /// Start: a given state with the joints that `[initial]` names.
@@ -133,6 +135,8 @@ pub(crate) fn integrator(
     }
     let max_step = table.positive("max_step", false, report).unwrap_or(f64::INFINITY);
     let estimate = table.flag("estimate", report).unwrap_or(true);
+    let forms = Form::ALL.map(Form::name);
+    let asked = table.word("form", &forms, report).map(|word| Form::from_name(word).unwrap_or_default());
     // One of the two alone means both; neither, the default.
     let tolerances = Tolerances {
         rtol: rtol.or(atol).unwrap_or(DEFAULT_TOLERANCE),
@@ -170,6 +174,11 @@ pub(crate) fn integrator(
         ("tsit5", None) => Choice::asked(Method::Tsit5),
         _ => Choice::automatic(tolerances, breaks),
     };
+    if word == "midpoint" && asked.is_some() {
+        let remedy = "remove form, or use an explicit method";
+        let node = table.get("form");
+        table.error(node, report, "form with method = \"midpoint\"", "a method with accelerations", remedy);
+    }
     if ["rk4", "midpoint"].contains(&word) && (rtol.is_some() || atol.is_some()) {
         let remedy = "remove rtol and atol, or use an adaptive method";
         let found = format!("rtol or atol with method = \"{word}\"");
@@ -190,7 +199,8 @@ pub(crate) fn integrator(
         table.error(None, report, found, "at most 1e10 steps", "use a larger step");
     }
     table.finish(report);
-    Some(IntegratorSettings { choice, tolerances, t_end: t_end?, estimate })
+    let form = asked.unwrap_or_default();
+    Some(IntegratorSettings { choice, tolerances, t_end: t_end?, estimate, form })
 }
 
 /// Most samples of a run.

@@ -35,7 +35,7 @@ macro_rules! lanes {
     (
         $t:ident, $n:literal, $with:ident, $set:ident, $load:ident, $store:ident,
         $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident, $sqrt:ident,
-        negate: $negate:expr, all: $all:expr, size: $size:expr, turn: $turn:expr
+        negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident
     ) => {
         // SAFETY of this macro: a value of the type exists only after the processor was asked (see the module above).
         impl Add for $t {
@@ -140,6 +140,7 @@ macro_rules! lanes {
             fn lane(self, i: usize) -> f64 {
                 self.to_array()[i]
             }
+            numbers_in_memory!();
         }
         impl Quadrants for $t {
             #[inline(always)]
@@ -170,47 +171,71 @@ macro_rules! lanes {
 lanes!(
     F64x4, 4, with_fma, _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd,
     _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd, _mm256_fmadd_pd, _mm256_sqrt_pd,
-    negate: |x| _mm256_xor_pd(x, _mm256_set1_pd(-0.0)),
-    all: |x, low, high| {
-        let above = _mm256_cmp_pd::<_CMP_GT_OQ>(x, low);
-        _mm256_movemask_pd(_mm256_and_pd(above, _mm256_cmp_pd::<_CMP_LT_OQ>(x, high))) == 0xf
-    },
-    size: |x| _mm256_andnot_pd(_mm256_set1_pd(-0.0), x),
-    turn: |shifted, s, c| {
-        let n = _mm256_castpd_si256(shifted);
-        let odd = _mm256_castsi256_pd(_mm256_slli_epi64::<63>(n));
-        let sign = |n| {
-            let second = _mm256_slli_epi64::<62>(_mm256_and_si256(n, _mm256_set1_epi64x(2)));
-            _mm256_castsi256_pd(second)
-        };
-        let next = _mm256_add_epi64(n, _mm256_set1_epi64x(1));
-        (
-            _mm256_xor_pd(_mm256_blendv_pd(s, c, odd), sign(n)),
-            _mm256_xor_pd(_mm256_blendv_pd(c, s, odd), sign(next)),
-        )
-    }
+    negate: negate4, all: all_between4, size: size4, turn: turn4
 );
 
 lanes!(
     F64x8, 8, with_avx512, _mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd,
     _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd, _mm512_div_pd, _mm512_fmadd_pd, _mm512_sqrt_pd,
-    negate: |x| flip(x, _mm512_castpd_si512(_mm512_set1_pd(-0.0))),
-    all: |x, low, high| {
-        let above = _mm512_cmp_pd_mask::<_CMP_GT_OQ>(x, low);
-        above & _mm512_cmp_pd_mask::<_CMP_LT_OQ>(x, high) == 0xff
-    },
-    size: |x| _mm512_abs_pd(x),
-    turn: |shifted, s, c| {
-        let n = _mm512_castpd_si512(shifted);
-        let odd = _mm512_test_epi64_mask(n, _mm512_set1_epi64(1));
-        let sign = |n| _mm512_slli_epi64::<62>(_mm512_and_si512(n, _mm512_set1_epi64(2)));
-        let next = _mm512_add_epi64(n, _mm512_set1_epi64(1));
+    negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8
+);
+
+// Functions, for closures cannot be made to inline. SAFETY: as in the macro.
+
+#[inline(always)]
+unsafe fn negate4(x: __m256d) -> __m256d {
+    unsafe { _mm256_xor_pd(x, _mm256_set1_pd(-0.0)) }
+}
+
+#[inline(always)]
+unsafe fn size4(x: __m256d) -> __m256d {
+    unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), x) }
+}
+
+#[inline(always)]
+unsafe fn all_between4(x: __m256d, low: __m256d, high: __m256d) -> bool {
+    unsafe {
+        let above = _mm256_cmp_pd::<_CMP_GT_OQ>(x, low);
+        _mm256_movemask_pd(_mm256_and_pd(above, _mm256_cmp_pd::<_CMP_LT_OQ>(x, high))) == 0xf
+    }
+}
+
+#[inline(always)]
+unsafe fn turn4(shifted: __m256d, s: __m256d, c: __m256d) -> (__m256d, __m256d) {
+    unsafe {
+        let n = _mm256_castpd_si256(shifted);
+        let odd = _mm256_castsi256_pd(_mm256_slli_epi64::<63>(n));
+        let (two, next) = (_mm256_set1_epi64x(2), _mm256_add_epi64(n, _mm256_set1_epi64x(1)));
+        let sign = _mm256_slli_epi64::<62>(_mm256_and_si256(n, two));
+        let next_sign = _mm256_slli_epi64::<62>(_mm256_and_si256(next, two));
         (
-            flip(_mm512_mask_blend_pd(odd, s, c), sign(n)),
-            flip(_mm512_mask_blend_pd(odd, c, s), sign(next)),
+            _mm256_xor_pd(_mm256_blendv_pd(s, c, odd), _mm256_castsi256_pd(sign)),
+            _mm256_xor_pd(_mm256_blendv_pd(c, s, odd), _mm256_castsi256_pd(next_sign)),
         )
     }
-);
+}
+
+#[inline(always)]
+unsafe fn negate8(x: __m512d) -> __m512d {
+    unsafe { flip(x, _mm512_castpd_si512(_mm512_set1_pd(-0.0))) }
+}
+
+#[inline(always)]
+unsafe fn all_between8(x: __m512d, low: __m512d, high: __m512d) -> bool {
+    unsafe { _mm512_cmp_pd_mask::<_CMP_GT_OQ>(x, low) & _mm512_cmp_pd_mask::<_CMP_LT_OQ>(x, high) == 0xff }
+}
+
+#[inline(always)]
+unsafe fn turn8(shifted: __m512d, s: __m512d, c: __m512d) -> (__m512d, __m512d) {
+    unsafe {
+        let n = _mm512_castpd_si512(shifted);
+        let odd = _mm512_test_epi64_mask(n, _mm512_set1_epi64(1));
+        let (two, next) = (_mm512_set1_epi64(2), _mm512_add_epi64(n, _mm512_set1_epi64(1)));
+        let sign = _mm512_slli_epi64::<62>(_mm512_and_si512(n, two));
+        let next_sign = _mm512_slli_epi64::<62>(_mm512_and_si512(next, two));
+        (flip(_mm512_mask_blend_pd(odd, s, c), sign), flip(_mm512_mask_blend_pd(odd, c, s), next_sign))
+    }
+}
 
 /// Changes signs; the instruction on f64 itself belongs to AVX-512DQ.
 #[inline(always)]

@@ -62,9 +62,7 @@ impl Program for Open {
         // Base states are inputs; making them is not dynibo's work.
         let bases: Vec<BaseState> = match *self.tree.borrow() {
             Tree::Fixed(_) => Vec::new(),
-            Tree::Free(_) => {
-                (0..s.count).map(|i| base(s.q(i), s.v(i), s.a(i))).collect::<Result<_, _>>()?
-            }
+            Tree::Free(_) => (0..s.count).map(|i| base(s.q(i), s.v(i), s.a(i))).collect::<Result<_, _>>()?,
         };
         let (size, call): (usize, Call<'a>) = match name {
             "forward_dynamics" => (
@@ -125,10 +123,13 @@ fn print_joints(model: &str) -> Result<(), Failure> {
         Tree::Free(r) => r.joint_count(),
     };
     for i in 0..count {
-        println!("{}", match &*tree {
-            Tree::Fixed(r) => r.joint_name(i)?,
-            Tree::Free(r) => r.joint_name(i)?,
-        });
+        println!(
+            "{}",
+            match &*tree {
+                Tree::Fixed(r) => r.joint_name(i)?,
+                Tree::Free(r) => r.joint_name(i)?,
+            }
+        );
     }
     Ok(())
 }
