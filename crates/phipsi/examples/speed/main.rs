@@ -8,8 +8,8 @@ mod protocol;
 use phipsi::model::{Base, Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random};
 use phipsi::prelude::{Mimic, UrdfOptions, read_urdf_file};
 use phipsi::recursion::{
-    ForwardDynamics, InverseDynamics, Layout, MassMatrix, centroidal_momentum_matrix, jacobian,
-    mass_matrix_inverse,
+    ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics, InverseDynamicsDerivatives, Layout,
+    MassMatrix, centroidal_momentum_matrix, jacobian, mass_matrix_inverse,
 };
 use protocol::{Call, Failure, Operation, Program, States, serve};
 
@@ -82,6 +82,26 @@ impl Program for Open {
                     Ok(())
                 }),
             ),
+            "inverse_dynamics_derivatives" => {
+                let mut workspace = InverseDynamicsDerivatives::new(layout);
+                one(
+                    3 * nv * nv,
+                    Box::new(move |i, out| {
+                        let [d_dq, d_dv, d_da] = thirds(out);
+                        Ok(workspace.run(layout, s.q(i), s.v(i), s.a(i), None, d_dq, d_dv, d_da)?)
+                    }),
+                )
+            }
+            "forward_dynamics_derivatives" => {
+                let mut workspace = ForwardDynamicsDerivatives::new(layout);
+                one(
+                    3 * nv * nv,
+                    Box::new(move |i, out| {
+                        let [d_dq, d_dv, d_dtau] = thirds(out);
+                        Ok(workspace.run(layout, s.q(i), s.v(i), s.tau(i), None, d_dq, d_dv, d_dtau)?)
+                    }),
+                )
+            }
             "jacobian" => {
                 one(6 * nv, Box::new(move |i, out| rows(out, &jacobian(layout, s.q(i), self.target, None)?)))
             }
@@ -91,6 +111,14 @@ impl Program for Open {
             _ => return Ok(None),
         }))
     }
+}
+
+/// Three matrices, one after another.
+fn thirds(out: &mut [f64]) -> [&mut [f64]; 3] {
+    let n = out.len() / 3;
+    let (first, rest) = out.split_at_mut(n);
+    let (second, third) = rest.split_at_mut(n);
+    [first, second, third]
 }
 
 /// Writes the rows of a matrix one after another.
