@@ -31,13 +31,16 @@ struct Moving<T> {
     coriolis: Motion<T>,
 }
 
+/// P and z of an eliminated body, moved to its parent.
+type Moved<T> = (ArticulatedInertia<T>, Wrench<T>);
+
 /// Workspace of forward dynamics.
 #[derive(Clone, Debug)]
 pub struct ForwardDynamics<T: Scalar> {
     pub(crate) shifts: Shifts<T::Arithmetic>,
     moving: Vec<Moving<T::Arithmetic>>,
     pub(crate) pivots: Vec<Pivot<T::Arithmetic>>,
-    pending: Pending<(ArticulatedInertia<T::Arithmetic>, Wrench<T::Arithmetic>)>,
+    pending: Pending<Moved<T::Arithmetic>>,
     /// α of bodies with several children.
     alpha: Vec<Motion<T::Arithmetic>>,
     /// Minus the external wrenches, where there are any.
