@@ -11,7 +11,7 @@
 //! | α, α⁺ | acceleration of the body, and of its inboard side φ*α(p); α(ground) = (0, −g) | paper 1 (9.12)–(9.14) |
 
 use crate::articulated_sweep::{
-    Pending, Pivot, eliminate, filter, filter_revolute, revolute_pivot, smooth, smooth_revolute, with_own,
+    Pending, Pivot, eliminate, filter, filter_revolute, revolute_pivot, smooth, smooth_revolute,
 };
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
@@ -168,32 +168,43 @@ impl<T: Scalar> ForwardDynamics<T> {
     ) -> Result<(), DynamicsError> {
         self.pending.clear();
         let mut hand = (ArticulatedInertia::zero(), Wrench::zero());
-        let n = layout.bodies.len();
-        for k in (0..n).rev() {
-            let body = &layout.bodies[k];
-            let Moving { omega, coriolis } = self.moving[k];
-            let outboard = self.pending.gather(body, &hand, |a, b| (a.0 + b.0, a.1 + b.1));
-            let P = with_own(body, outboard.map(|x| x.0));
-            let mut z = RigidInertia::constant(&body.inertia).gyroscopic(omega);
-            if let Some((_, force)) = outboard {
-                z += force;
-            }
+        let (bodies, n) = (&layout.bodies[..], layout.bodies.len());
+        let moving = &self.moving[..n];
+        for (k, body) in bodies.iter().enumerate().rev() {
+            let Moving { omega, coriolis } = moving[k];
+            let M = RigidInertia::constant(&body.inertia);
+            let mut z = M.gyroscopic(omega);
             if loaded {
                 z += self.loads[k];
             }
+            if body.children > 1 {
+                self.pending.gather(body, &mut hand, |sum, x| {
+                    sum.0 = sum.0 + x.0;
+                    sum.1 += x.1;
+                });
+            }
+            // A tip starts with nothing in hand.
+            z += hand.1;
+            let P = hand.0.plus_rigid(&M);
+            hand = (ArticulatedInertia::zero(), Wrench::zero());
             if let Hinge::Revolute = body.hinge {
-                if body.parent != GROUND {
-                    z += revolute_coriolis_force(&P, coriolis);
-                }
-                let pivot = revolute_pivot(&P).map_err(|(i, D)| layout.singular(body.v + i, D))?;
+                let pivot = match revolute_pivot(&P) {
+                    Ok(pivot) => pivot,
+                    Err((i, D)) => return Err(layout.singular(body.v + i, D)),
+                };
                 self.pivots[body.v] = pivot;
-                residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
-                if body.parent != GROUND {
-                    let turn = self.shifts.turn(k);
-                    let moved = body.link.eliminated_to_parent(turn, &P, &pivot.gain);
-                    let z = body.link.wrench_to_parent(&body.link.hinged(turn), z);
-                    self.pending.give(k, body, &mut hand, (moved, z));
+                if body.parent == GROUND {
+                    residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
+                    continue;
                 }
+                z += revolute_coriolis_force(&P, coriolis);
+                residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
+                let turn = self.shifts.turn(k);
+                let moved = (
+                    body.link.eliminated_to_parent(turn, &P, &pivot.gain),
+                    body.link.wrench_to_parent(&body.link.hinged(turn), z),
+                );
+                self.pending.give(k, body, &mut hand, moved);
                 continue;
             }
             if body.parent != GROUND {
