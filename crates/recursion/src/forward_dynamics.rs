@@ -20,8 +20,9 @@ use crate::kernel::kernel;
 use crate::kinematics::{relative, relative_revolute};
 use crate::layout::{GROUND, Layout, Shifts};
 use crate::mass_matrix::composite_inertias;
+use crate::packed::Packed;
 use num_traits::Zero;
-use phipsi_spatial::{ArticulatedInertia, Motion, Real, RigidInertia, Scalar, Vec3, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Motion, Real, RigidInertia, Scalar, SixLanes, Vec3, Wrench};
 
 /// What the first sweep leaves of a body.
 #[derive(Clone, Copy, Debug)]
@@ -34,6 +35,9 @@ struct Moving<T> {
 /// P and z of an eliminated body, moved to its parent.
 type Moved<T> = (ArticulatedInertia<T>, Wrench<T>);
 
+/// Packed six-vectors of what kernels on `T` compute with.
+type Six<T> = <<T as Scalar>::Arithmetic as Scalar>::Six;
+
 /// Workspace of forward dynamics.
 #[derive(Clone, Debug)]
 pub struct ForwardDynamics<T: Scalar> {
@@ -41,6 +45,7 @@ pub struct ForwardDynamics<T: Scalar> {
     moving: Vec<Moving<T::Arithmetic>>,
     pub(crate) pivots: Vec<Pivot<T::Arithmetic>>,
     pending: Pending<Moved<T::Arithmetic>>,
+    packed: Pending<Packed<Six<T>>>,
     /// α of bodies with several children.
     alpha: Vec<Motion<T::Arithmetic>>,
     /// Minus the external wrenches, where there are any.
@@ -56,6 +61,7 @@ impl<T: Scalar> ForwardDynamics<T> {
             moving: vec![Moving { omega: Vec3::zero(), coriolis: Motion::zero() }; n],
             pivots: vec![Pivot::empty(); layout.nv()],
             pending: Pending::new(layout, zero),
+            packed: Pending::new(layout, Packed::zero::<T::Arithmetic>()),
             alpha: vec![Motion::zero(); n],
             loads: vec![Wrench::zero(); n],
         }
@@ -223,6 +229,66 @@ impl<T: Scalar> ForwardDynamics<T> {
         Ok(())
     }
 
+    /// [`Self::sweep_inboard`] with the six-vectors of the state in lanes.
+    #[inline(always)]
+    fn sweep_inboard_packed(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        loaded: bool,
+        residuals: &mut [T::Arithmetic],
+    ) -> Result<(), DynamicsError> {
+        self.packed.clear();
+        let mut hand: Packed<Six<T>> = Packed::zero::<T::Arithmetic>();
+        let (bodies, n) = (&layout.bodies[..], layout.bodies.len());
+        let (moving, rigid) = (&self.moving[..n], &layout.rigid[..n]);
+        for (k, body) in bodies.iter().enumerate().rev() {
+            let Moving { omega, coriolis } = &moving[k];
+            if body.children > 1 {
+                self.packed.gather(body, &mut hand, |sum, x| sum.add::<T::Arithmetic>(x));
+            }
+            hand.add_body(&rigid[k], *omega);
+            if let Hinge::Revolute = body.hinge {
+                if loaded {
+                    hand.z = hand.z + Packed::lanes(&self.loads[k]);
+                }
+                if body.parent != GROUND {
+                    hand.add_coriolis(coriolis);
+                }
+                match hand.eliminate_revolute(residuals[body.v]) {
+                    Ok((pivot, nu)) => (self.pivots[body.v], residuals[body.v]) = (pivot, nu),
+                    Err(D) => return Err(layout.singular(body.v, D)),
+                }
+                let moved = if body.parent == GROUND {
+                    Packed::zero::<T::Arithmetic>()
+                } else {
+                    hand.to_parent(&body.link, &body.link.hinged(self.shifts.turn(k)))
+                };
+                hand = Packed::zero::<T::Arithmetic>();
+                self.packed.give(k, body, &mut hand, moved);
+                continue;
+            }
+            let (P, mut z) = hand.unpack();
+            if loaded {
+                z += self.loads[k];
+            }
+            if body.parent != GROUND {
+                z += P.times(*coriolis);
+            }
+            let dofs = body.v..body.v + body.hinge.nv();
+            let pivots = &mut self.pivots[dofs.clone()];
+            let passage = self.shifts.at(k, body);
+            let moved =
+                eliminate(body, passage, P, pivots).map_err(|(i, D)| layout.singular(body.v + i, D))?;
+            filter(&body.hinge, pivots, &mut z, &mut residuals[dofs]);
+            hand = Packed::zero::<T::Arithmetic>();
+            if body.parent != GROUND {
+                let moved = Packed::pack(&moved, &passage.wrench_to_parent(z));
+                self.packed.give(k, body, &mut hand, moved);
+            }
+        }
+        Ok(())
+    }
+
     /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after, or θ̈ + c without `turning`.
     #[inline(always)]
     fn sweep_outboard(
@@ -275,7 +341,11 @@ kernel! {
         out: &'a mut [T::Arithmetic],
     } -> Result<(), DynamicsError> {
         work.sweep_velocities(layout, q, v);
-        work.sweep_inboard(layout, loaded, out)?;
+        if Six::<T>::is_fast() {
+            work.sweep_inboard_packed(layout, loaded, out)?;
+        } else {
+            work.sweep_inboard(layout, loaded, out)?;
+        }
         work.sweep_outboard(layout, v, turning, out);
         Ok(())
     }
