@@ -261,8 +261,24 @@ impl<T: Scalar> ForwardDynamics<T> {
                 let moved = if body.parent == GROUND {
                     Packed::zero::<T::Arithmetic>()
                 } else {
-                    hand.to_parent(&body.link, &body.link.hinged(self.shifts.turn(k)))
+                    hand.to_parent::<_, true>(&body.link, &body.link.hinged(self.shifts.turn(k)))
                 };
+                hand = Packed::zero::<T::Arithmetic>();
+                self.packed.give(k, body, &mut hand, moved);
+                continue;
+            }
+            if let Hinge::Prismatic = body.hinge
+                && body.parent != GROUND
+            {
+                if loaded {
+                    hand.z = hand.z + Packed::lanes(&self.loads[k]);
+                }
+                hand.add_acceleration(coriolis);
+                match hand.eliminate_prismatic(residuals[body.v]) {
+                    Ok((pivot, nu)) => (self.pivots[body.v], residuals[body.v]) = (pivot, nu),
+                    Err(D) => return Err(layout.singular(body.v, D)),
+                }
+                let moved = hand.to_parent::<_, false>(&body.link, &self.shifts.all()[k]);
                 hand = Packed::zero::<T::Arithmetic>();
                 self.packed.give(k, body, &mut hand, moved);
                 continue;

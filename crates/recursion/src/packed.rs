@@ -67,6 +67,12 @@ fn turn_columns<T: Scalar, S: SixLanes<T>>(c: S, s: S, a: S, b: S) -> (S, S) {
     (s.subtract_from(b, c * a), s.times_plus(a, c * b))
 }
 
+#[inline(always)]
+fn pivot<T: Scalar, S: SixLanes<T>>(G: S, inverse: T) -> Pivot<T> {
+    let [a, b, c, _, d, e, f, _] = G.to_array();
+    Pivot { gain: Wrench::new(Vec3([a, b, c]), Vec3([d, e, f])), inverse }
+}
+
 impl<S> Packed<S> {
     #[inline(always)]
     pub(crate) fn zero<T: Scalar>() -> Self
@@ -112,6 +118,15 @@ impl<S> Packed<S> {
         let linear = P[3].times_plus(S::fill(u), P[4].times_plus(S::fill(v), P[5] * S::fill(w)));
         self.z = angular + linear;
     }
+    /// z += P a.
+    #[inline(always)]
+    pub(crate) fn add_acceleration<T: Scalar>(&mut self, a: &Motion<T>)
+    where
+        S: SixLanes<T>,
+    {
+        self.z = self.P[2].times_plus(S::fill(a.angular.0[2]), self.z);
+        self.add_coriolis(a);
+    }
     /// Filter step of a hinge about z: P⁺, z⁺, its pivot, and ν from T. On failure D.
     #[inline(always)]
     pub(crate) fn eliminate_revolute<T: Scalar>(&mut self, T: T) -> Result<(Pivot<T>, T), f64>
@@ -134,51 +149,78 @@ impl<S> Packed<S> {
         let epsilon = all - self.z.broadcast::<2>();
         // H G = 1: the component of z⁺ along the axis is T itself.
         self.z = G.times_plus(epsilon, self.z).with_lane_2(all);
-        let [a, b, c, _, d, e, f, _] = G.to_array();
-        let pivot = Pivot { gain: Wrench::new(Vec3([a, b, c]), Vec3([d, e, f])), inverse };
-        Ok((pivot, epsilon.lane_0() * inverse))
+        Ok((pivot(G, inverse), epsilon.lane_0() * inverse))
     }
-    /// φ P⁺ φ* and φ z⁺ after [`Packed::eliminate_revolute`].
+    /// The same for a joint along z.
     #[inline(always)]
-    pub(crate) fn to_parent<T: Scalar>(&self, link: &Link<T::Constant>, shift: &Shift<T>) -> Self
+    pub(crate) fn eliminate_prismatic<T: Scalar>(&mut self, T: T) -> Result<(Pivot<T>, T), f64>
+    where
+        S: SixLanes<T>,
+    {
+        let U = self.P[5];
+        let D = U.broadcast::<6>();
+        if !D.lane_0().is_positive() {
+            return Err(D.lane_0().min_lane());
+        }
+        let inverse = D.lane_0().recip();
+        let G = U * S::fill(inverse);
+        self.P[0] = G.subtract_from(U.broadcast::<0>(), self.P[0]);
+        self.P[1] = G.subtract_from(U.broadcast::<1>(), self.P[1]);
+        self.P[2] = G.subtract_from(U.broadcast::<2>(), self.P[2]);
+        self.P[3] = G.subtract_from(U.broadcast::<4>(), self.P[3]);
+        self.P[4] = G.subtract_from(U.broadcast::<5>(), self.P[4]);
+        self.P[5] = S::fill(T::zero());
+        let epsilon = S::fill(T) - self.z.broadcast::<6>();
+        self.z = G.times_plus(epsilon, self.z);
+        Ok((pivot(G, inverse), epsilon.lane_0() * inverse))
+    }
+    /// φ P⁺ φ* and φ z⁺. With `HINGE`, after [`Packed::eliminate_revolute`]: the column of the hinge is zero.
+    #[inline(always)]
+    pub(crate) fn to_parent<T: Scalar, const HINGE: bool>(
+        &self,
+        link: &Link<T::Constant>,
+        shift: &Shift<T>,
+    ) -> Self
     where
         S: SixLanes<T>,
     {
         let (turn, twist, [lx, ly, lz]) = (shift.turn, link.twist::<T>(), shift.offset.0);
-        let (z, x) = (Coefficients::about_z(turn), Coefficients::about_x(twist));
-        let (lever, lever_back) = (S::first_half(ly, lz, lx), S::first_half(lz, lx, ly));
-        let [a, b, _, d, e, f] = self.P;
-        let up = Up { z, x, lever, lever_back };
+        let up = Up {
+            z: Coefficients::about_z(turn),
+            x: Coefficients::about_x(twist),
+            lever: S::first_half(ly, lz, lx),
+            lever_back: S::first_half(lz, lx, ly),
+        };
+        let [a, b, g, d, e, f] = self.P;
         let (a, b, d, e, f, force) = (up.of(a), up.of(b), up.of(d), up.of(e), up.of(f), up.of(self.z));
-        // The same from the right; the column of the hinge is zero.
+        // The same from the right.
         let (c, s) = (S::fill(turn.cos), S::fill(turn.sin));
         let (a, b) = turn_columns(c, s, a, b);
         let (d, e) = turn_columns(c, s, d, e);
         let (c, s) = (S::fill(twist.cos), S::fill(twist.sin));
-        let (b, g) = (c * b, s * b);
+        let (b, g) = if HINGE { (c * b, s * b) } else { turn_columns(c, s, b, up.of(g)) };
         let (e, f) = turn_columns(c, s, e, f);
         let (lx, ly, lz) = (S::fill(lx), S::fill(ly), S::fill(lz));
         let a = lz.subtract_from(e, ly.times_plus(f, a));
         let b = lx.subtract_from(f, lz.times_plus(d, b));
         let g = ly.subtract_from(d, lx.times_plus(e, g));
-        let mut all = Packed { P: [a, b, g, d, e, f], z: force };
-        if let Some(first) = link.first_turn::<T>() {
-            let about = Coefficients::about_z(first);
-            let (c, s) = (S::fill(first.cos), S::fill(first.sin));
-            let P = all.P;
-            let P = [
-                about.z_up(P[0]),
-                about.z_up(P[1]),
-                about.z_up(P[2]),
-                about.z_up(P[3]),
-                about.z_up(P[4]),
-                about.z_up(P[5]),
-            ];
-            let (a, b) = turn_columns(c, s, P[0], P[1]);
-            let (d, e) = turn_columns(c, s, P[3], P[4]);
-            all = Packed { P: [a, b, P[2], d, e, P[5]], z: about.z_up(all.z) };
+        let moved = Packed { P: [a, b, g, d, e, f], z: force };
+        match link.first_turn::<T>() {
+            Some(first) => moved.turned(first),
+            None => moved,
         }
-        all
+    }
+    /// Turned about z, from both sides.
+    #[inline(always)]
+    fn turned<T: Scalar>(&self, turn: Turn<T>) -> Self
+    where
+        S: SixLanes<T>,
+    {
+        let (about, P) = (Coefficients::about_z(turn), &self.P);
+        let (c, s) = (S::fill(turn.cos), S::fill(turn.sin));
+        let (a, b) = turn_columns(c, s, about.z_up(P[0]), about.z_up(P[1]));
+        let (d, e) = turn_columns(c, s, about.z_up(P[3]), about.z_up(P[4]));
+        Packed { P: [a, b, about.z_up(P[2]), d, e, about.z_up(P[5])], z: about.z_up(self.z) }
     }
     /// A wrench in lanes.
     #[inline(always)]
