@@ -34,16 +34,16 @@ impl<S> Coefficients<S> {
     where
         S: SixLanes<T>,
     {
-        let (c, s) = (turn.cos, turn.sin);
-        Coefficients { c: S::halves(c, c, T::one()), s: S::halves(-s, s, T::zero()) }
+        let (c, s) = S::about_z(turn.cos, turn.sin);
+        Coefficients { c, s }
     }
     #[inline(always)]
     fn about_x<T: Scalar>(turn: Turn<T>) -> Self
     where
         S: SixLanes<T>,
     {
-        let (c, s) = (turn.cos, turn.sin);
-        Coefficients { c: S::halves(T::one(), c, c), s: S::halves(T::zero(), -s, s) }
+        let (c, s) = S::about_x(turn.cos, turn.sin);
+        Coefficients { c, s }
     }
     #[inline(always)]
     fn z_up<T: Scalar>(self, v: S) -> S

@@ -308,11 +308,18 @@ impl<T: Lanes> Kernel for SinCosIn<'_, T> {
         let mut at = 0;
         while at < x.len() {
             let some = &x[at..x.len().min(at + T::LANES)];
-            let mut packed = [T::zero()];
-            for (to, from) in T::numbers_mut(&mut packed).iter_mut().zip(some) {
-                *to = from.0;
-            }
-            let (s, c) = packed[0].sin_cos();
+            // A full group is one load, which does not wait for anything to be written.
+            let packed = match some.first_chunk::<8>() {
+                Some(all) if T::LANES == 8 => T::from_lanes(
+                    #[inline(always)]
+                    |i| all[i].0,
+                ),
+                _ => T::from_lanes(
+                    #[inline(always)]
+                    |i| some.get(i).map_or(0.0, |x| x.0),
+                ),
+            };
+            let (s, c) = packed.sin_cos();
             let (s, c) = ([s], [c]);
             for (to, from) in sin[at..].iter_mut().zip(&T::numbers(&s)[..some.len()]) {
                 *to = Fused(*from);

@@ -52,6 +52,16 @@ pub trait SixLanes<T: Scalar>:
     fn halves(x: T, y: T, z: T) -> Self;
     /// (x, y, z, 0) in the first half, zeros in the second.
     fn first_half(x: T, y: T, z: T) -> Self;
+    /// (c, c, 1, 0) and (−s, s, 0, 0) in both halves: a turn about z is v ↦ c∘v + s∘(v with x and y exchanged).
+    #[inline(always)]
+    fn about_z(cos: T, sin: T) -> (Self, Self) {
+        (Self::halves(cos, cos, T::one()), Self::halves(-sin, sin, T::zero()))
+    }
+    /// (1, c, c, 0) and (0, −s, s, 0) in both halves.
+    #[inline(always)]
+    fn about_x(cos: T, sin: T) -> (Self, Self) {
+        (Self::halves(T::one(), cos, cos), Self::halves(T::zero(), -sin, sin))
+    }
     /// x and y of both halves exchanged.
     fn swap_xy(self) -> Self;
     /// y and z of both halves exchanged.

@@ -275,11 +275,27 @@ impl SixLanes<Fused> for F64x8 {
     }
     #[inline(always)]
     fn halves(x: Fused, y: Fused, z: Fused) -> Self {
-        unsafe { F64x8(in_lanes::<0x11, 0x22, 0x44>(x, y, z)) }
+        unsafe { F64x8(in_lanes(x, y, z, &HALVES)) }
     }
     #[inline(always)]
     fn first_half(x: Fused, y: Fused, z: Fused) -> Self {
-        unsafe { F64x8(in_lanes::<0x01, 0x02, 0x04>(x, y, z)) }
+        unsafe { F64x8(in_lanes(x, y, z, &FIRST_HALF)) }
+    }
+    #[inline(always)]
+    fn about_z(cos: Fused, sin: Fused) -> (Self, Self) {
+        unsafe {
+            let (s, c, rest) = (TURNS[0].as_ptr(), TURNS[2].as_ptr(), TURNS[3].as_ptr());
+            let cosine = _mm512_fmadd_pd(_mm512_set1_pd(cos.0), _mm512_loadu_pd(c), _mm512_loadu_pd(rest));
+            (F64x8(cosine), F64x8(_mm512_mul_pd(_mm512_set1_pd(sin.0), _mm512_loadu_pd(s))))
+        }
+    }
+    #[inline(always)]
+    fn about_x(cos: Fused, sin: Fused) -> (Self, Self) {
+        unsafe {
+            let (s, c, rest) = (TURNS[1].as_ptr(), TURNS[4].as_ptr(), TURNS[5].as_ptr());
+            let cosine = _mm512_fmadd_pd(_mm512_set1_pd(cos.0), _mm512_loadu_pd(c), _mm512_loadu_pd(rest));
+            (F64x8(cosine), F64x8(_mm512_mul_pd(_mm512_set1_pd(sin.0), _mm512_loadu_pd(s))))
+        }
     }
     #[inline(always)]
     fn swap_xy(self) -> Self {
@@ -334,15 +350,39 @@ impl SixLanes<Fused> for F64x8 {
     }
 }
 
-/// x, y and z in the lanes of three masks, zero elsewhere.
+/// x a + y b + z c for unit patterns: products with constants in memory, where masks would have to be made each time.
 #[inline(always)]
-unsafe fn in_lanes<const X: u8, const Y: u8, const Z: u8>(x: Fused, y: Fused, z: Fused) -> __m512d {
+unsafe fn in_lanes(x: Fused, y: Fused, z: Fused, patterns: &[[f64; 8]; 3]) -> __m512d {
     unsafe {
-        let all = _mm512_maskz_mov_pd(X, _mm512_set1_pd(x.0));
-        let all = _mm512_mask_mov_pd(all, Y, _mm512_set1_pd(y.0));
-        _mm512_mask_mov_pd(all, Z, _mm512_set1_pd(z.0))
+        let all = _mm512_mul_pd(_mm512_set1_pd(x.0), _mm512_loadu_pd(patterns[0].as_ptr()));
+        let all = _mm512_fmadd_pd(_mm512_set1_pd(y.0), _mm512_loadu_pd(patterns[1].as_ptr()), all);
+        _mm512_fmadd_pd(_mm512_set1_pd(z.0), _mm512_loadu_pd(patterns[2].as_ptr()), all)
     }
 }
+
+/// x, y and z of both halves.
+const HALVES: [[f64; 8]; 3] = [
+    [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+    [0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
+    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+];
+
+/// x, y and z of the first half.
+const FIRST_HALF: [[f64; 8]; 3] = [
+    [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+];
+
+/// s (−e₀ + e₁) and s (−e₁ + e₂) of both halves; c (e₀ + e₁) + e₂ and e₀ + c (e₁ + e₂).
+const TURNS: [[f64; 8]; 6] = [
+    [-1.0, 1.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0],
+    [0.0, -1.0, 1.0, 0.0, 0.0, -1.0, 1.0, 0.0],
+    [1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0],
+    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+    [0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0],
+    [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+];
 
 #[inline(always)]
 unsafe fn lanes_of(i: [usize; 8]) -> __m512i {
