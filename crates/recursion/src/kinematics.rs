@@ -99,6 +99,7 @@ impl<T: Scalar> Kinematics<T> {
     ///
     /// # Errors
     /// [`DynamicsError::Shape`].
+    #[inline(always)]
     pub fn set_position(&mut self, layout: &Layout<T::Constant>, q: &[T]) -> Result<(), DynamicsError> {
         check_length("q", q, layout.nq())?;
         for (k, body) in layout.bodies.iter().enumerate() {
@@ -115,6 +116,7 @@ impl<T: Scalar> Kinematics<T> {
     ///
     /// # Errors
     /// [`DynamicsError::Shape`].
+    #[inline(always)]
     pub fn set_velocity(&mut self, layout: &Layout<T::Constant>, v: &[T]) -> Result<(), DynamicsError> {
         check_length("v", v, layout.nv())?;
         for (k, body) in layout.bodies.iter().enumerate() {
@@ -131,6 +133,7 @@ impl<T: Scalar> Kinematics<T> {
     ///
     /// # Errors
     /// [`DynamicsError::Shape`].
+    #[inline(always)]
     pub fn set_acceleration(
         &mut self,
         layout: &Layout<T::Constant>,
@@ -154,6 +157,7 @@ impl<T: Scalar> Kinematics<T> {
         Ok(())
     }
     /// World pose of body `body` of the model (`None`: the world).
+    #[inline(always)]
     pub fn pose(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Transform<T> {
         let Some(body) = body else { return Transform::identity() };
         let carrier = &layout.carriers[body];
@@ -161,6 +165,7 @@ impl<T: Scalar> Kinematics<T> {
         if carrier.body == GROUND { local } else { self.world[carrier.body].compose(&local) }
     }
     /// Velocity of a body of the model, in its own axes at its own origin.
+    #[inline(always)]
     pub fn velocity_in_body(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Motion<T> {
         match body.map(|b| &layout.carriers[b]) {
             Some(c) if c.body != GROUND => {
@@ -170,18 +175,21 @@ impl<T: Scalar> Kinematics<T> {
         }
     }
     /// (ω, velocity of the origin) of a body of the model, world axes.
+    #[inline(always)]
     pub fn velocity(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Motion<T> {
         let v = self.velocity_in_body(layout, body);
         let r = self.pose(layout, body).rotation;
         Motion::new(r * v.angular, r * v.linear)
     }
     /// The papers' α of a body of the model, world axes: inertial rates of ω and of the velocity of its origin.
+    #[inline(always)]
     pub fn acceleration(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Motion<T> {
         let a = self.acceleration_in_body(layout, body);
         let r = self.pose(layout, body).rotation;
         Motion::new(r * a.angular, r * a.linear)
     }
     /// α of a body of the model, in its own axes.
+    #[inline(always)]
     pub fn acceleration_in_body(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Motion<T> {
         match body.map(|b| &layout.carriers[b]) {
             Some(c) if c.body != GROUND => {
@@ -203,6 +211,7 @@ pub fn spatial_to_inertial<T: Scalar>(v: Motion<T>, a: Motion<T>) -> Motion<T> {
 ///
 /// # Errors
 /// [`DynamicsError::Shape`].
+#[inline(always)]
 pub fn body_pose<T: Scalar>(
     layout: &Layout<T::Constant>,
     q: &[T],
@@ -224,6 +233,7 @@ pub fn body_pose<T: Scalar>(
 ///
 /// # Errors
 /// [`DynamicsError::Shape`].
+#[inline(always)]
 pub fn body_velocity<T: Scalar>(
     layout: &Layout<T::Constant>,
     q: &[T],
@@ -244,9 +254,4 @@ pub fn body_velocity<T: Scalar>(
         k = b.parent;
     }
     Ok(Motion::new(pose.rotation * velocity.angular, pose.rotation * velocity.linear))
-}
-
-/// World point given in a body's frame.
-pub(crate) fn point_in_body<T: Scalar>(point: Option<Vec3<T>>) -> Transform<T> {
-    Transform::new(phipsi_spatial::Mat3::identity(), point.unwrap_or(Vec3::zero()))
 }
