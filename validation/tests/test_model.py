@@ -191,8 +191,8 @@ def test_forms_against_a_hundred_digits(name):
             a, info = m.forward_dynamics(q, v, tau, form=form, info=True)
             assert np.max(np.abs(a - truth)) <= limit * np.max(np.abs(truth)), form
             assert info.backward_error <= 100 * m.nv * np.finfo(float).eps
-            heavy = name in ("mr_tip_1e6_0064", "mr_tip_1e9_0064")
-            assert info.form == (form if form != "auto" else "square_root" if heavy else "plain")
+            chosen = {"mr_tip_1e6_0064": "refined", "mr_tip_1e9_0064": "square_root"}.get(name, "plain")
+            assert info.form == (chosen if form == "auto" else form)
 
 
 def test_every_form_runs_batches():

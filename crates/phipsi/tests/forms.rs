@@ -57,8 +57,11 @@ fn unequal_masses_agree_with_a_hundred_digits_in_every_form() {
         }
         let model = &samples[0].0.case.model;
         let choice = FormChoice::of(model, &Layout::new(model));
-        let heavy_tip = ["mr_tip_1e6_0064", "mr_tip_1e9_0064"].contains(&name);
-        let expected = if heavy_tip { Form::SquareRoot } else { Form::Plain };
+        let expected = match name {
+            "mr_tip_1e6_0064" => Form::Refined,
+            "mr_tip_1e9_0064" => Form::SquareRoot,
+            _ => Form::Plain,
+        };
         assert_eq!(choice.form, expected, "{name}: {choice}");
     }
 }

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Files of `recursion` that hold no algorithm.
-const SUPPORT: [&str; 5] = ["lib", "error", "form", "hinge", "layout"];
+const SUPPORT: [&str; 9] = ["batch", "columns", "error", "form", "hinge", "kernel", "layout", "lib", "link"];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")

@@ -70,7 +70,7 @@ impl Model {
     /// wrenches : {body: (…, 6)}, moment then force on the body, at its frame's origin, in its axes.
     /// form : how rounding is dealt with. "plain": the recursion itself, which loses digits where heavy bodies hang on light
     ///     ones; "refined": corrected once; "square_root": on factors of the inertias, loses none; "double_double": 32 digits;
-    ///     "auto": plain where that is good, which is measured once per model.
+    ///     "auto": the cheapest that is good, which is measured once per model.
     /// info : True returns (result, ForwardInfo).
     ///
     /// Returns

@@ -31,13 +31,16 @@ struct Moving<T> {
     coriolis: Motion<T>,
 }
 
+/// P and z of an eliminated body, moved to its parent.
+type Moved<T> = (ArticulatedInertia<T>, Wrench<T>);
+
 /// Workspace of forward dynamics.
 #[derive(Clone, Debug)]
 pub struct ForwardDynamics<T: Scalar> {
     pub(crate) shifts: Shifts<T::Arithmetic>,
     moving: Vec<Moving<T::Arithmetic>>,
     pub(crate) pivots: Vec<Pivot<T::Arithmetic>>,
-    pending: Pending<(ArticulatedInertia<T::Arithmetic>, Wrench<T::Arithmetic>)>,
+    pending: Pending<Moved<T::Arithmetic>>,
     /// α of bodies with several children.
     alpha: Vec<Motion<T::Arithmetic>>,
     /// Minus the external wrenches, where there are any.
@@ -122,11 +125,12 @@ impl<T: Scalar> ForwardDynamics<T> {
     fn sweep_velocities(&mut self, layout: &Layout<T::Constant>, q: &[T::Arithmetic], v: &[T::Arithmetic]) {
         let n = layout.bodies.len();
         let moving = &mut self.moving[..n];
+        self.shifts.begin(q);
         let mut previous = Vec3::zero();
         for k in 0..n {
             let body = &layout.bodies[k];
             if let Hinge::Revolute = body.hinge {
-                let (turn, rate) = (body.link.turned(q[body.q]), v[body.v]);
+                let (turn, rate) = (self.shifts.turned(body), v[body.v]);
                 self.shifts.set_turn(k, turn);
                 if body.parent == GROUND {
                     previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);

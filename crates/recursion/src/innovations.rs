@@ -19,7 +19,7 @@ use phipsi_spatial::{Scalar, Transform, Wrench};
 use std::ops::Range;
 
 /// Columns of each of two matrices that are worked on at once.
-const WIDTH: usize = 8;
+const WIDTH: usize = 12;
 
 /// A row of them, in cache lines of its own.
 #[derive(Clone, Copy, Debug)]

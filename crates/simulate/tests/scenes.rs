@@ -283,13 +283,13 @@ fn the_plan_names_the_form_of_forward_dynamics() {
     assert_eq!(e.remedy, "did you mean `square_root`?");
 }
 
-/// A tip a million times heavier than ten links: `auto` takes the square-root form.
+/// A tip a million million times heavier than ten links: `auto` takes the square-root form.
 #[test]
 fn a_heavy_tip_gets_the_square_root_form() {
     let mut text = String::from("title = \"chain\"\n");
     let mut parent = "world".to_string();
     for k in 0..10 {
-        let mass = if k == 9 { 1e6 } else { 1.0 };
+        let mass = if k == 9 { 1e12 } else { 1.0 };
         let moment = mass / 12.0;
         let x = if k == 0 { 0.0 } else { 1.0 };
         let axis = if k % 2 == 0 { "[0, 1, 0]" } else { "[0, 0, 1]" };

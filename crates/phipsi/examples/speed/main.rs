@@ -7,10 +7,12 @@ mod protocol;
 
 use phipsi::model::{Base, Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random};
 use phipsi::prelude::{Mimic, UrdfOptions, read_urdf_file};
+use phipsi::recursion::batch::{Input, StateKernel, run_batch};
 use phipsi::recursion::{
-    ForwardDynamics, InverseDynamics, Layout, MassMatrix, centroidal_momentum_matrix, jacobian,
-    mass_matrix_inverse,
+    DynamicsError, ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics, InverseDynamicsDerivatives,
+    Layout, MassMatrix, centroidal_momentum_matrix, jacobian, mass_matrix_inverse,
 };
+use phipsi::spatial::lanes::{Lanes, Level};
 use protocol::{Call, Failure, Operation, Program, States, serve};
 
 struct Open {
@@ -24,6 +26,20 @@ impl Open {
     fn new(model: Model, target: Option<usize>) -> Self {
         let layout = Layout::new(&model);
         Open { model, layout, target }
+    }
+}
+
+impl Open {
+    /// A kernel of (q, v, τ) on all states at once; `size` results a state.
+    fn batch<'a, K: StateKernel + 'a>(&'a self, kernel: K, size: usize, s: &'a States) -> Operation<'a> {
+        let (nq, nv) = s.dimensions();
+        let call: Call<'a> = Box::new(move |_, out| {
+            let [q, v, tau, _] = s.all();
+            let inputs = [Input::each(q, nq), Input::each(v, nv), Input::each(tau, nv)];
+            let done = run_batch(&kernel, Level::best(), &inputs, s.count, out);
+            Ok(done.map_err(|(_, error)| error)?)
+        });
+        Operation { size, batch: true, call }
     }
 }
 
@@ -82,15 +98,84 @@ impl Program for Open {
                     Ok(())
                 }),
             ),
+            "inverse_dynamics_derivatives" => {
+                let mut workspace = InverseDynamicsDerivatives::new(layout);
+                one(
+                    3 * nv * nv,
+                    Box::new(move |i, out| {
+                        let [d_dq, d_dv, d_da] = thirds(out);
+                        Ok(workspace.run(layout, s.q(i), s.v(i), s.a(i), None, d_dq, d_dv, d_da)?)
+                    }),
+                )
+            }
+            "forward_dynamics_derivatives" => {
+                let mut workspace = ForwardDynamicsDerivatives::new(layout);
+                one(
+                    3 * nv * nv,
+                    Box::new(move |i, out| {
+                        let [d_dq, d_dv, d_dtau] = thirds(out);
+                        Ok(workspace.run(layout, s.q(i), s.v(i), s.tau(i), None, d_dq, d_dv, d_dtau)?)
+                    }),
+                )
+            }
             "jacobian" => {
                 one(6 * nv, Box::new(move |i, out| rows(out, &jacobian(layout, s.q(i), self.target, None)?)))
             }
             "centroidal" => {
                 one(6 * nv, Box::new(move |i, out| rows(out, &centroidal_momentum_matrix(layout, s.q(i))?)))
             }
+            "forward_dynamics_batch" => self.batch(Accelerations(layout), nv, s),
+            "derivatives_batch" => self.batch(Derivatives(layout), 3 * nv * nv, s),
             _ => return Ok(None),
         }))
     }
+}
+
+/// Forward dynamics of each state of a batch.
+struct Accelerations<'a>(&'a Layout<f64>);
+
+impl StateKernel for Accelerations<'_> {
+    type Workspace<T: Lanes> = ForwardDynamics<T>;
+    fn workspace<T: Lanes>(&self) -> ForwardDynamics<T> {
+        ForwardDynamics::new(self.0)
+    }
+    #[inline(always)]
+    fn run<T: Lanes>(
+        &self,
+        workspace: &mut ForwardDynamics<T>,
+        inputs: &[Vec<T>],
+        out: &mut [T],
+    ) -> Result<(), DynamicsError> {
+        workspace.run(self.0, &inputs[0], &inputs[1], &inputs[2], None, out)
+    }
+}
+
+/// Derivatives of forward dynamics of each state of a batch.
+struct Derivatives<'a>(&'a Layout<f64>);
+
+impl StateKernel for Derivatives<'_> {
+    type Workspace<T: Lanes> = ForwardDynamicsDerivatives<T>;
+    fn workspace<T: Lanes>(&self) -> ForwardDynamicsDerivatives<T> {
+        ForwardDynamicsDerivatives::new(self.0)
+    }
+    #[inline(always)]
+    fn run<T: Lanes>(
+        &self,
+        workspace: &mut ForwardDynamicsDerivatives<T>,
+        inputs: &[Vec<T>],
+        out: &mut [T],
+    ) -> Result<(), DynamicsError> {
+        let [d_dq, d_dv, d_dtau] = thirds(out);
+        workspace.run(self.0, &inputs[0], &inputs[1], &inputs[2], None, d_dq, d_dv, d_dtau)
+    }
+}
+
+/// Three matrices of one buffer.
+fn thirds<T>(out: &mut [T]) -> [&mut [T]; 3] {
+    let n = out.len() / 3;
+    let (first, rest) = out.split_at_mut(n);
+    let (second, third) = rest.split_at_mut(n);
+    [first, second, third]
 }
 
 /// Writes the rows of a matrix one after another.
@@ -160,6 +245,26 @@ mod tests {
     }
 
     #[test]
+    fn a_batch_has_the_results_of_its_states() {
+        let pairs = [
+            ("forward_dynamics_batch", "forward_dynamics"),
+            ("derivatives_batch", "forward_dynamics_derivatives"),
+        ];
+        for ((many, one), state) in pairs.into_iter().flat_map(|pair| (0..11).map(move |state| (pair, state)))
+        {
+            let ask = |operation| format!("chain:5 {operation} random:11 -{state}");
+            let answers = session(&[&ask(many), &ask(one)]);
+            let (many, one) = (result(&answers[0]), result(&answers[1]));
+            let scale = one.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+            // Rounding of a few hundred operations per body.
+            assert!(
+                many.iter().zip(&one).all(|(a, b)| (a - b).abs() < 1e3 * f64::EPSILON * scale),
+                "{state}"
+            );
+        }
+    }
+
+    #[test]
     fn times_are_positive_and_checksums_those_of_the_last_call() {
         let answers = session(&["chain:5 mass_matrix random:3 3", "chain:5 mass_matrix random:3 -2"]);
         let (ns, sum) = answers[0].split_once(' ').expect("two numbers");
@@ -174,6 +279,10 @@ mod tests {
             ("inverse_dynamics", 5),
             ("mass_matrix", 25),
             ("mass_matrix_inverse", 25),
+            ("forward_dynamics_batch", 5),
+            ("derivatives_batch", 75),
+            ("inverse_dynamics_derivatives", 75),
+            ("forward_dynamics_derivatives", 75),
             ("jacobian", 30),
             ("centroidal", 30),
         ] {
