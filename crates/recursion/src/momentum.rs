@@ -75,8 +75,8 @@ kernel! {
         about: About<T>,
     } -> Wrench<T::Arithmetic> {
         let Momentum { shifts, velocity, h, center } = work;
+        shifts.set_all(layout, q);
         for (k, body) in layout.bodies.iter().enumerate() {
-            shifts.set(k, body, q);
             let joint = body.hinge.expand(&v[body.v..]);
             velocity[k] = match body.parent {
                 GROUND => joint,
@@ -181,8 +181,8 @@ kernel! {
         out: &'a mut [T::Arithmetic],
     } -> () {
         let CentroidalMomentumMatrix { shifts, R, frames, center } = work;
+        shifts.set_all(layout, q);
         for (k, body) in layout.bodies.iter().enumerate() {
-            shifts.set(k, body, q);
             R[k] = RigidInertia::constant(&body.inertia);
         }
         for (k, body) in layout.bodies.iter().enumerate().rev() {
