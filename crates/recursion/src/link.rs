@@ -46,7 +46,7 @@ pub struct Shift<T> {
     /// Z(q + θ₁).
     pub(crate) turn: Turn<T>,
     /// l with what the joint displaces.
-    offset: Vec3<T>,
+    pub(crate) offset: Vec3<T>,
 }
 
 impl<T: Scalar> Shift<T> {
@@ -125,6 +125,16 @@ impl<C: Real> Link<C> {
         let columns = [0, 1, 2].map(|i| self.vector_up(self.last, Vec3::unit(i)));
         let all = columns.map(|c| self.first_up(c));
         Transform::new(Mat3::from_columns(all[0], all[1], all[2]), self.first_up(self.offset))
+    }
+    /// X(α).
+    #[inline(always)]
+    pub(crate) fn twist<T: Scalar<Constant = C>>(&self) -> Turn<T> {
+        Turn::constant(&self.twist)
+    }
+    /// Z(θ₀) where it turns.
+    #[inline(always)]
+    pub(crate) fn first_turn<T: Scalar<Constant = C>>(&self) -> Option<Turn<T>> {
+        if self.has_first { Some(Turn::constant(&self.first)) } else { None }
     }
     /// The link at q = 0: what a hinge about z keeps of it at all angles is the offset.
     pub(crate) fn at_rest<T: Scalar<Constant = C>>(&self) -> Shift<T> {

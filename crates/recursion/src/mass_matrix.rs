@@ -85,7 +85,7 @@ kernel! {
         let mut hand = RigidInertia::zero();
         for (k, body) in layout.bodies.iter().enumerate().rev() {
             let own = RigidInertia::constant(&body.inertia);
-            let R = work.pending.gather(body, &hand, |a, b| a + b).map_or(own, |R| R + own);
+            let R = work.pending.all(body, &mut hand, |a, b| *a = *a + *b).map_or(own, |R| R + own);
             for i in 0..body.hinge.nv() {
                 work.columns.push(body.v + i, R.momentum(body.hinge.axis(i)));
             }

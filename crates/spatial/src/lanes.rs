@@ -226,6 +226,9 @@ assigning_operators!(Fused);
 impl Scalar for Fused {
     type Constant = f64;
     const LANES: usize = 1;
+    #[cfg(target_arch = "x86_64")]
+    crate::arithmetic_is_self!(x86::F64x8);
+    #[cfg(not(target_arch = "x86_64"))]
     crate::arithmetic_is_self!();
     #[inline(always)]
     fn splat(x: f64) -> Self {

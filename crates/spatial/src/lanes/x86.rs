@@ -1,6 +1,7 @@
 //! Lanes in the registers of x86-64.
 
 use super::*;
+use crate::six_lanes::{RIGID_COLUMNS, RigidEntries, SixLanes};
 use core::arch::x86_64::*;
 
 /// Runs a kernel compiled for AVX2 and FMA.
@@ -241,4 +242,120 @@ unsafe fn turn8(shifted: __m512d, s: __m512d, c: __m512d) -> (__m512d, __m512d) 
 #[inline(always)]
 unsafe fn flip(x: __m512d, sign: __m512i) -> __m512d {
     unsafe { _mm512_castsi512_pd(_mm512_xor_si512(_mm512_castpd_si512(x), sign)) }
+}
+
+/// The lanes of one six-vector of plain numbers.
+impl SixLanes<Fused> for F64x8 {
+    #[inline(always)]
+    fn is_fast() -> bool {
+        Level::best() == Level::Avx512
+    }
+    #[inline(always)]
+    fn of(x: [Fused; 8]) -> Self {
+        // SAFETY of this block: as in the macro above.
+        unsafe { F64x8(_mm512_loadu_pd(x.as_ptr().cast())) }
+    }
+    #[inline(always)]
+    fn to_array(self) -> [Fused; 8] {
+        let mut out = [Fused(0.0); 8];
+        unsafe { _mm512_storeu_pd(out.as_mut_ptr().cast(), self.0) };
+        out
+    }
+    #[inline(always)]
+    fn fill(x: Fused) -> Self {
+        unsafe { F64x8(_mm512_set1_pd(x.0)) }
+    }
+    #[inline(always)]
+    fn times_plus(self, a: Self, b: Self) -> Self {
+        unsafe { F64x8(_mm512_fmadd_pd(self.0, a.0, b.0)) }
+    }
+    #[inline(always)]
+    fn subtract_from(self, a: Self, b: Self) -> Self {
+        unsafe { F64x8(_mm512_fnmadd_pd(self.0, a.0, b.0)) }
+    }
+    #[inline(always)]
+    fn halves(x: Fused, y: Fused, z: Fused) -> Self {
+        unsafe { F64x8(in_lanes::<0x11, 0x22, 0x44>(x, y, z)) }
+    }
+    #[inline(always)]
+    fn first_half(x: Fused, y: Fused, z: Fused) -> Self {
+        unsafe { F64x8(in_lanes::<0x01, 0x02, 0x04>(x, y, z)) }
+    }
+    #[inline(always)]
+    fn swap_xy(self) -> Self {
+        unsafe { F64x8(_mm512_permutex_pd::<0b11_10_00_01>(self.0)) }
+    }
+    #[inline(always)]
+    fn swap_yz(self) -> Self {
+        unsafe { F64x8(_mm512_permutex_pd::<0b11_01_10_00>(self.0)) }
+    }
+    #[inline(always)]
+    fn yzx(self) -> Self {
+        unsafe { F64x8(_mm512_permutex_pd::<0b11_00_10_01>(self.0)) }
+    }
+    #[inline(always)]
+    fn zxy(self) -> Self {
+        unsafe { F64x8(_mm512_permutex_pd::<0b11_01_00_10>(self.0)) }
+    }
+    #[inline(always)]
+    fn second_zxy(self) -> Self {
+        unsafe { F64x8(_mm512_permutexvar_pd(lanes_of([6, 4, 5, 7, 6, 4, 5, 7]), self.0)) }
+    }
+    #[inline(always)]
+    fn second_yzx(self) -> Self {
+        unsafe { F64x8(_mm512_permutexvar_pd(lanes_of([5, 6, 4, 7, 5, 6, 4, 7]), self.0)) }
+    }
+    #[inline(always)]
+    fn broadcast<const I: usize>(self) -> Self {
+        unsafe { F64x8(_mm512_permutexvar_pd(_mm512_set1_epi64(I as i64), self.0)) }
+    }
+    #[inline(always)]
+    fn lane_0(self) -> Fused {
+        unsafe { Fused(_mm512_cvtsd_f64(self.0)) }
+    }
+    #[inline(always)]
+    fn with_lane_2(self, x: Self) -> Self {
+        unsafe { F64x8(_mm512_mask_mov_pd(self.0, 0x04, x.0)) }
+    }
+    #[inline(always)]
+    fn rigid(m: &RigidEntries<f64>) -> [Self; 6] {
+        let [a, b, c, d, e, f] = RIGID_COLUMNS;
+        unsafe {
+            let (low, high) = (_mm512_loadu_pd(m.as_ptr()), _mm512_loadu_pd(m.as_ptr().add(8)));
+            [
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(a), high)),
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(b), high)),
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(c), high)),
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(d), high)),
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(e), high)),
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(f), high)),
+            ]
+        }
+    }
+}
+
+/// x, y and z in the lanes of three masks, zero elsewhere.
+#[inline(always)]
+unsafe fn in_lanes<const X: u8, const Y: u8, const Z: u8>(x: Fused, y: Fused, z: Fused) -> __m512d {
+    unsafe {
+        let all = _mm512_maskz_mov_pd(X, _mm512_set1_pd(x.0));
+        let all = _mm512_mask_mov_pd(all, Y, _mm512_set1_pd(y.0));
+        _mm512_mask_mov_pd(all, Z, _mm512_set1_pd(z.0))
+    }
+}
+
+#[inline(always)]
+unsafe fn lanes_of(i: [usize; 8]) -> __m512i {
+    unsafe {
+        _mm512_set_epi64(
+            i[7] as i64,
+            i[6] as i64,
+            i[5] as i64,
+            i[4] as i64,
+            i[3] as i64,
+            i[2] as i64,
+            i[1] as i64,
+            i[0] as i64,
+        )
+    }
 }
