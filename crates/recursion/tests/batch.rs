@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{agree_on, seeds};
+use common::{agree_on, growth, seeds};
 use phipsi_model::Random;
 use phipsi_recursion as fast;
 use phipsi_recursion::batch::{Input, StateKernel, kernels, run_batch};
@@ -10,7 +10,7 @@ use phipsi_recursion::{About, DynamicsError, Layout};
 use phipsi_reference as slow;
 use phipsi_reference::generate::{Case, case};
 use phipsi_reference::sensitivity::widened;
-use phipsi_spatial::lanes::Level;
+use phipsi_spatial::lanes::{Fused, Level};
 use phipsi_spatial::{Vec3, Wrench};
 
 /// Trees that every kernel is tried on.
@@ -84,6 +84,22 @@ trait Visit {
     );
 }
 
+fn fused(x: &[f64]) -> Vec<Fused> {
+    x.iter().map(|&x| Fused(x)).collect()
+}
+
+fn fused_loads(loads: &[Wrench<f64>]) -> Vec<Wrench<Fused>> {
+    loads.iter().map(|w| w.map(Fused)).collect()
+}
+
+/// Forward dynamics of one state; on plain f64 it may take other steps than lanes do.
+fn forward(s: &States, i: usize, loads: Option<&[Wrench<f64>]>) -> Result<Vec<f64>, DynamicsError> {
+    let [q, v, x] = [&s.q, &s.v, &s.x].map(|x| fused(s.row(x, i)));
+    let loads = loads.map(fused_loads);
+    let a = fast::forward_dynamics(&s.layout, &q, &v, &x, loads.as_deref())?;
+    Ok(a.iter().map(|x| x.0).collect())
+}
+
 type Three = (Vec<f64>, Vec<f64>, Vec<f64>);
 
 fn three((a, b, c): Three) -> Vec<f64> {
@@ -100,12 +116,10 @@ fn every_kernel(s: &States, visitor: &mut impl Visit) {
 
     let kernel = kernels::ForwardDynamics { layout, loaded: full };
     visitor.visit("forward dynamics under wrenches", kernel, &[&s.q, &s.v, &s.x, &s.wrenches], &|i| {
-        fast::forward_dynamics(layout, q(i), v(i), x(i), Some(&loads(i)))
+        forward(s, i, Some(&loads(i)))
     });
     let kernel = kernels::ForwardDynamics { layout, loaded: none };
-    visitor.visit("forward dynamics", kernel, &[&s.q, &s.v, &s.x], &|i| {
-        fast::forward_dynamics(layout, q(i), v(i), x(i), None)
-    });
+    visitor.visit("forward dynamics", kernel, &[&s.q, &s.v, &s.x], &|i| forward(s, i, None));
     let kernel = kernels::InverseDynamics { layout, loaded: full };
     visitor.visit("inverse dynamics", kernel, &[&s.q, &s.v, &s.x, &s.wrenches], &|i| {
         fast::inverse_dynamics(layout, q(i), v(i), x(i), Some(&loads(i)))
@@ -127,7 +141,9 @@ fn every_kernel(s: &States, visitor: &mut impl Visit) {
     });
     let kernel = kernels::ForwardDynamicsDerivatives { layout, loaded: full };
     visitor.visit("derivatives of forward dynamics", kernel, &[&s.q, &s.v, &s.x, &s.wrenches], &|i| {
-        fast::forward_dynamics_derivatives(layout, q(i), v(i), x(i), Some(&loads(i))).map(three)
+        let [q, v, x] = [q(i), v(i), x(i)].map(fused);
+        let all = fast::forward_dynamics_derivatives(layout, &q, &v, &x, Some(&fused_loads(&loads(i))))?;
+        Ok([all.0, all.1, all.2].concat().iter().map(|x| x.0).collect())
     });
     let kernel = kernels::InverseDynamicsDerivatives { layout, loaded: full };
     visitor.visit("derivatives of inverse dynamics", kernel, &[&s.q, &s.v, &s.x, &s.wrenches], &|i| {
@@ -264,6 +280,31 @@ fn accelerations() {
             // The reference's ω̇ is a difference of terms of size ω².
             let speed: f64 = case.v.iter().map(|v| v.abs()).sum();
             size.iter_mut().for_each(|x| *x += 16.0 * f64::EPSILON * speed * speed);
+        },
+    );
+}
+
+/// On plain f64 forward dynamics may take other steps: both against the reference.
+#[test]
+fn forward_dynamics() {
+    agree_on(
+        TREES,
+        common::SAMPLES,
+        "forward dynamics in lanes",
+        |layout, case| {
+            let inputs = [Input::same(&case.q), Input::same(&case.v), Input::same(&case.tau)];
+            let mut out = vec![0.0; 9 * case.model.nv()];
+            let kernel = kernels::ForwardDynamics { layout, loaded: &[] };
+            run_batch(&kernel, Level::best(), &inputs, 9, &mut out).map_err(|e| e.1)?;
+            Ok(out[..case.model.nv()].to_vec())
+        },
+        |case| {
+            let (q, v, tau) = (widened(&case.q), widened(&case.v), widened(&case.tau));
+            slow::forward_dynamics(&case.model, &q, &v, &tau, None).expect("generated trees are regular")
+        },
+        |case, size| {
+            let growth = growth(case);
+            size.iter_mut().for_each(|x| *x *= growth);
         },
     );
 }
