@@ -277,13 +277,17 @@ impl<T: Scalar> ArticulatedSweep<T> {
     pub fn new(layout: &Layout<T::Constant>, q: &[T]) -> Result<Self, DynamicsError> {
         layout.check_tree()?;
         check_length("q", q, layout.nq())?;
-        let mut sweep = ArticulatedSweep {
+        let mut sweep = Self::empty(layout);
+        sweep.update(layout, q)?;
+        Ok(sweep)
+    }
+    /// A workspace without factors.
+    pub(crate) fn empty(layout: &Layout<T::Constant>) -> Self {
+        ArticulatedSweep {
             shifts: Shifts::new(layout),
             pivots: vec![Pivot::empty(); layout.nv()],
             pending: Pending::new(layout, ArticulatedInertia::zero()),
-        };
-        sweep.update(layout, q)?;
-        Ok(sweep)
+        }
     }
     /// Factors M at another configuration of the same layout, without allocation. After an error there are no factors.
     ///

@@ -357,7 +357,9 @@ kernel! {
         out: &'a mut [T::Arithmetic],
     } -> Result<(), DynamicsError> {
         work.sweep_velocities(layout, q, v);
-        if Six::<T>::is_fast() {
+        // Lone states only: every state of a batch takes the steps that lanes take, for the same bits.
+        let lone = core::any::TypeId::of::<T>() != core::any::TypeId::of::<T::Arithmetic>();
+        if lone && Six::<T>::is_fast() {
             work.sweep_inboard_packed(layout, loaded, out)?;
         } else {
             work.sweep_inboard(layout, loaded, out)?;

@@ -11,6 +11,7 @@
 
 use crate::error::DynamicsError;
 use crate::hinge::Hinge;
+use crate::kernel::kernel;
 use crate::link::{Link, Shift};
 use phipsi_model::joint::rotation_from_z;
 use phipsi_model::{JointKind, Model};
@@ -355,8 +356,18 @@ impl<C: Real> Layout<C> {
         wrenches: &[Wrench<T>],
         loads: &mut [Wrench<T::Arithmetic>],
     ) {
-        loads.iter_mut().for_each(|w| *w = Wrench::zero());
-        for (carrier, wrench) in self.carriers.iter().zip(wrenches) {
+        T::Arithmetic::dispatch(GatherLoads::<T> { layout: self, wrenches, loads });
+    }
+}
+
+kernel! {
+    GatherLoads<'a, T> {
+        layout: &'a Layout<T::Constant>,
+        wrenches: &'a [Wrench<T>],
+        loads: &'a mut [Wrench<T::Arithmetic>],
+    } -> () {
+        loads.fill(Wrench::zero());
+        for (carrier, wrench) in layout.carriers.iter().zip(wrenches) {
             if carrier.body != GROUND {
                 let wrench = wrench.map(T::to_arithmetic);
                 loads[carrier.body] -= Transform::constant(&carrier.pose).wrench_to_parent(wrench);
