@@ -261,7 +261,7 @@ impl<T: Scalar> ForwardDynamics<T> {
                 let moved = if body.parent == GROUND {
                     Packed::zero::<T::Arithmetic>()
                 } else {
-                    hand.to_parent::<_, true>(&body.link, &body.link.hinged(self.shifts.turn(k)))
+                    hand.moved::<_, true>(&body.link, &body.link.hinged(self.shifts.turn(k)))
                 };
                 hand = Packed::zero::<T::Arithmetic>();
                 self.packed.give(k, body, &mut hand, moved);
@@ -278,7 +278,7 @@ impl<T: Scalar> ForwardDynamics<T> {
                     Ok((pivot, nu)) => (self.pivots[body.v], residuals[body.v]) = (pivot, nu),
                     Err(D) => return Err(layout.singular(body.v, D)),
                 }
-                let moved = hand.to_parent::<_, false>(&body.link, &self.shifts.all()[k]);
+                let moved = hand.moved::<_, false>(&body.link, &self.shifts.all()[k]);
                 hand = Packed::zero::<T::Arithmetic>();
                 self.packed.give(k, body, &mut hand, moved);
                 continue;

@@ -140,11 +140,12 @@ impl<S> Packed<S> {
         }
         let inverse = D.lane_0().recip();
         let G = U * S::fill(inverse);
-        self.P[0] = G.subtract_from(U.broadcast::<0>(), self.P[0]);
-        self.P[1] = G.subtract_from(U.broadcast::<1>(), self.P[1]);
-        self.P[3] = G.subtract_from(U.broadcast::<4>(), self.P[3]);
-        self.P[4] = G.subtract_from(U.broadcast::<5>(), self.P[4]);
-        self.P[5] = G.subtract_from(U.broadcast::<6>(), self.P[5]);
+        // By rows of P itself, which is symmetric to rounding only: row and column of the axis vanish together.
+        self.P[0] = G.eliminate::<2>(self.P[0].broadcast::<2>(), self.P[0]);
+        self.P[1] = G.eliminate::<2>(self.P[1].broadcast::<2>(), self.P[1]);
+        self.P[3] = G.eliminate::<2>(self.P[3].broadcast::<2>(), self.P[3]);
+        self.P[4] = G.eliminate::<2>(self.P[4].broadcast::<2>(), self.P[4]);
+        self.P[5] = G.eliminate::<2>(self.P[5].broadcast::<2>(), self.P[5]);
         let all = S::fill(T);
         let epsilon = all - self.z.broadcast::<2>();
         // H G = 1: the component of z⁺ along the axis is T itself.
@@ -164,11 +165,11 @@ impl<S> Packed<S> {
         }
         let inverse = D.lane_0().recip();
         let G = U * S::fill(inverse);
-        self.P[0] = G.subtract_from(U.broadcast::<0>(), self.P[0]);
-        self.P[1] = G.subtract_from(U.broadcast::<1>(), self.P[1]);
-        self.P[2] = G.subtract_from(U.broadcast::<2>(), self.P[2]);
-        self.P[3] = G.subtract_from(U.broadcast::<4>(), self.P[3]);
-        self.P[4] = G.subtract_from(U.broadcast::<5>(), self.P[4]);
+        self.P[0] = G.eliminate::<6>(self.P[0].broadcast::<6>(), self.P[0]);
+        self.P[1] = G.eliminate::<6>(self.P[1].broadcast::<6>(), self.P[1]);
+        self.P[2] = G.eliminate::<6>(self.P[2].broadcast::<6>(), self.P[2]);
+        self.P[3] = G.eliminate::<6>(self.P[3].broadcast::<6>(), self.P[3]);
+        self.P[4] = G.eliminate::<6>(self.P[4].broadcast::<6>(), self.P[4]);
         self.P[5] = S::fill(T::zero());
         let epsilon = S::fill(T) - self.z.broadcast::<6>();
         self.z = G.times_plus(epsilon, self.z);
@@ -176,7 +177,7 @@ impl<S> Packed<S> {
     }
     /// φ P⁺ φ* and φ z⁺. With `HINGE`, after [`Packed::eliminate_revolute`]: the column of the hinge is zero.
     #[inline(always)]
-    pub(crate) fn to_parent<T: Scalar, const HINGE: bool>(
+    pub(crate) fn moved<T: Scalar, const HINGE: bool>(
         &self,
         link: &Link<T::Constant>,
         shift: &Shift<T>,

@@ -48,6 +48,8 @@ pub trait SixLanes<T: Scalar>:
     fn times_plus(self, a: Self, b: Self) -> Self;
     /// `b − self * a`.
     fn subtract_from(self, a: Self, b: Self) -> Self;
+    /// `b − self * a` with zero in lane I.
+    fn eliminate<const I: usize>(self, a: Self, b: Self) -> Self;
     /// (x, y, z, 0) in both halves.
     fn halves(x: T, y: T, z: T) -> Self;
     /// (x, y, z, 0) in the first half, zeros in the second.
@@ -186,6 +188,12 @@ impl<T: Scalar> SixLanes<T> for Eight<T> {
     #[inline(always)]
     fn subtract_from(self, a: Self, b: Self) -> Self {
         each!(I => (-self.0[I]).fma(a.0[I], b.0[I]))
+    }
+    #[inline(always)]
+    fn eliminate<const I: usize>(self, a: Self, b: Self) -> Self {
+        let mut x = self.subtract_from(a, b);
+        x.0[I] = T::zero();
+        x
     }
     #[inline(always)]
     fn halves(x: T, y: T, z: T) -> Self {

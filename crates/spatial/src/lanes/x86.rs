@@ -274,6 +274,10 @@ impl SixLanes<Fused> for F64x8 {
         unsafe { F64x8(_mm512_fnmadd_pd(self.0, a.0, b.0)) }
     }
     #[inline(always)]
+    fn eliminate<const I: usize>(self, a: Self, b: Self) -> Self {
+        unsafe { F64x8(_mm512_maskz_fnmadd_pd(!(1 << I), self.0, a.0, b.0)) }
+    }
+    #[inline(always)]
     fn halves(x: Fused, y: Fused, z: Fused) -> Self {
         unsafe { F64x8(in_lanes(x, y, z, &HALVES)) }
     }
