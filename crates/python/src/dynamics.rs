@@ -217,7 +217,7 @@ impl Model {
         let out = batch.run(py, &kernels::MassMatrix { layout }, &[q.input()], nv * nv);
         compiled.result(py, &batch, out, Names::Columns("mass matrix"), &[nv, nv])
     }
-    /// The inverse of the mass matrix, full and symmetric, without forming M: O(nv²).
+    /// The inverse of the mass matrix, full and symmetric, without forming M: O(nv depth²).
     ///
     /// ``q``: (…, nq). Returns (…, nv, nv).
     ///
