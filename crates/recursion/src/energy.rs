@@ -42,6 +42,7 @@ kernel! {
     } -> T::Arithmetic {
         let KineticEnergy { shifts, velocity } = work;
         let mut twice = T::Arithmetic::splat(0.0);
+        shifts.begin(q);
         for (k, body) in layout.bodies.iter().enumerate() {
             shifts.set(k, body, q);
             let joint = body.hinge.expand(&v[body.v..]);

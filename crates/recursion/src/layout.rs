@@ -139,7 +139,7 @@ impl<T: Scalar> Shifts<T> {
 pub(crate) struct Passage<'a, T: Scalar> {
     body: &'a LayoutBody<T::Constant>,
     pub(crate) shift: &'a Shift<T>,
-    general: Option<&'a Transform<T>>,
+    pub(crate) general: Option<&'a Transform<T>>,
 }
 
 impl<T: Scalar> Passage<'_, T> {

@@ -46,7 +46,7 @@ pub struct Shift<T> {
     /// Z(q + θ₁).
     pub(crate) turn: Turn<T>,
     /// l with what the joint displaces.
-    offset: Vec3<T>,
+    pub(crate) offset: Vec3<T>,
 }
 
 impl<T: Scalar> Shift<T> {

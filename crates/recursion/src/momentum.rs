@@ -75,6 +75,7 @@ kernel! {
         about: About<T>,
     } -> Wrench<T::Arithmetic> {
         let Momentum { shifts, velocity, h, center } = work;
+        shifts.begin(q);
         for (k, body) in layout.bodies.iter().enumerate() {
             shifts.set(k, body, q);
             let joint = body.hinge.expand(&v[body.v..]);
@@ -181,6 +182,7 @@ kernel! {
         out: &'a mut [T::Arithmetic],
     } -> () {
         let CentroidalMomentumMatrix { shifts, R, frames, center } = work;
+        shifts.begin(q);
         for (k, body) in layout.bodies.iter().enumerate() {
             shifts.set(k, body, q);
             R[k] = RigidInertia::constant(&body.inertia);

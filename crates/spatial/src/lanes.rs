@@ -99,6 +99,77 @@ pub trait Lanes: Scalar<Constant = f64, Arithmetic = Self> {
     }
 }
 
+/// Lanes over neighbouring numbers of one state: what a kernel does to a row of numbers of type `T`, several at once.
+pub trait Wide<T: Scalar>: Scalar<Constant = T::Constant> {
+    /// Numbers side by side, a divisor of [`WIDEST`].
+    const WIDTH: usize;
+    /// The first numbers of a slice that has as many.
+    fn load(x: &[T]) -> Self;
+    /// Writes them there.
+    fn store(self, x: &mut [T]);
+    /// Writes the lanes from `first` on to the first numbers of a slice.
+    fn store_from(self, first: usize, x: &mut [T]);
+    /// The same number in every lane.
+    fn broadcast(x: T) -> Self;
+    /// With another number in one lane.
+    fn with(self, lane: usize, x: T) -> Self;
+}
+
+/// The largest [`Wide::WIDTH`].
+pub const WIDEST: usize = 8;
+
+impl<T: Scalar> Wide<T> for T {
+    const WIDTH: usize = 1;
+    #[inline(always)]
+    fn load(x: &[T]) -> T {
+        x[0]
+    }
+    #[inline(always)]
+    fn store(self, x: &mut [T]) {
+        x[0] = self;
+    }
+    #[inline(always)]
+    fn store_from(self, first: usize, x: &mut [T]) {
+        if first == 0 {
+            x[0] = self;
+        }
+    }
+    #[inline(always)]
+    fn broadcast(x: T) -> T {
+        x
+    }
+    #[inline(always)]
+    fn with(self, _: usize, x: T) -> T {
+        x
+    }
+}
+
+/// A [`Kernel`] that works on rows of numbers: see [`Scalar::dispatch_wide`].
+pub trait WideKernel<T: Scalar> {
+    /// What it returns.
+    type Output;
+    /// The calculation.
+    fn run<W: Wide<T>>(self) -> Self::Output;
+}
+
+/// A wide kernel at one width.
+pub(crate) struct AtWidth<K, T, W>(K, core::marker::PhantomData<(T, W)>);
+
+impl<K, T, W> AtWidth<K, T, W> {
+    #[inline(always)]
+    pub(crate) fn new(kernel: K) -> Self {
+        AtWidth(kernel, core::marker::PhantomData)
+    }
+}
+
+impl<T: Scalar, W: Wide<T>, K: WideKernel<T>> Kernel for AtWidth<K, T, W> {
+    type Output = K::Output;
+    #[inline(always)]
+    fn run(self) -> K::Output {
+        self.0.run::<W>()
+    }
+}
+
 /// Work that is generic over the number of lanes.
 pub trait Visitor {
     /// What it returns.
@@ -274,6 +345,17 @@ impl Scalar for Fused {
             return unsafe { x86::with_fma(kernel) };
         }
         kernel.run()
+    }
+    #[inline(always)]
+    fn dispatch_wide<K: WideKernel<Self>>(kernel: K) -> K::Output {
+        match Level::best() {
+            // SAFETY: the processor has the level.
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => unsafe { x86::with_avx512(AtWidth::<K, Self, x86::F64x8>::new(kernel)) },
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => unsafe { x86::with_fma(AtWidth::<K, Self, x86::F64x4>::new(kernel)) },
+            _ => Self::dispatch(AtWidth::<K, Self, Self>::new(kernel)),
+        }
     }
 }
 

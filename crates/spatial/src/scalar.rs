@@ -4,7 +4,7 @@
 //! model broadcast from [`Scalar::Constant`]. Lanes of a SIMD register and dual numbers can be scalars; they have
 //! no order. [`Real`] adds what code with branches needs: comparison and inverse trigonometry.
 
-use crate::lanes::{Fused, fused, fused_mut};
+use crate::lanes::{AtWidth, Fused, WideKernel, fused, fused_mut};
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use num_traits::{One, Zero};
@@ -48,6 +48,11 @@ pub trait Scalar:
     #[inline(always)]
     fn dispatch<K: Kernel>(kernel: K) -> K::Output {
         kernel.run()
+    }
+    /// [`Scalar::dispatch`] of a kernel that works on rows of numbers, with the widest lanes that this scalar has for them.
+    #[inline(always)]
+    fn dispatch_wide<K: WideKernel<Self>>(kernel: K) -> K::Output {
+        Self::dispatch(AtWidth::<K, Self, Self>::new(kernel))
     }
     /// The same f64 in every lane, exactly.
     fn splat(x: f64) -> Self;

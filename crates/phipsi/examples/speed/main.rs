@@ -9,8 +9,8 @@ use phipsi::model::{Base, Body, Inertia, Joint, JointKind, Model, ModelBuilder, 
 use phipsi::prelude::{Mimic, UrdfOptions, read_urdf_file};
 use phipsi::recursion::batch::{Input, StateKernel, run_batch};
 use phipsi::recursion::{
-    DynamicsError, ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics, InverseDynamicsDerivatives,
-    Layout, MassMatrix, centroidal_momentum_matrix, jacobian, mass_matrix_inverse,
+    CentroidalMomentumMatrix, DynamicsError, ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics,
+    InverseDynamicsDerivatives, Layout, MassMatrix, MassMatrixInverse, jacobian_into,
 };
 use phipsi::spatial::lanes::{Lanes, Level};
 use protocol::{Call, Failure, Operation, Program, States, serve};
@@ -91,13 +91,10 @@ impl Program for Open {
                 let mut workspace = MassMatrix::new(layout);
                 one(nv * nv, Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), out)?)))
             }
-            "mass_matrix_inverse" => one(
-                nv * nv,
-                Box::new(move |i, out| {
-                    out.copy_from_slice(&mass_matrix_inverse(layout, s.q(i))?);
-                    Ok(())
-                }),
-            ),
+            "mass_matrix_inverse" => {
+                let mut workspace = MassMatrixInverse::new(layout);
+                one(nv * nv, Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), out)?)))
+            }
             "inverse_dynamics_derivatives" => {
                 let mut workspace = InverseDynamicsDerivatives::new(layout);
                 one(
@@ -118,11 +115,13 @@ impl Program for Open {
                     }),
                 )
             }
-            "jacobian" => {
-                one(6 * nv, Box::new(move |i, out| rows(out, &jacobian(layout, s.q(i), self.target, None)?)))
-            }
+            "jacobian" => one(
+                6 * nv,
+                Box::new(move |i, out| Ok(jacobian_into(layout, s.q(i), self.target, None, out)?)),
+            ),
             "centroidal" => {
-                one(6 * nv, Box::new(move |i, out| rows(out, &centroidal_momentum_matrix(layout, s.q(i))?)))
+                let mut workspace = CentroidalMomentumMatrix::new(layout);
+                one(6 * nv, Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), out)?)))
             }
             "forward_dynamics_batch" => self.batch(Accelerations(layout), nv, s),
             "derivatives_batch" => self.batch(Derivatives(layout), 3 * nv * nv, s),
@@ -176,15 +175,6 @@ fn thirds<T>(out: &mut [T]) -> [&mut [T]; 3] {
     let (first, rest) = out.split_at_mut(n);
     let (second, third) = rest.split_at_mut(n);
     [first, second, third]
-}
-
-/// Writes the rows of a matrix one after another.
-fn rows(out: &mut [f64], matrix: &[Vec<f64>; 6]) -> Result<(), Failure> {
-    let n = matrix[0].len();
-    for (i, row) in matrix.iter().enumerate() {
-        out[i * n..][..n].copy_from_slice(row);
-    }
-    Ok(())
 }
 
 /// n equal rods on revolute joints whose axes turn from joint to joint.

@@ -35,7 +35,8 @@ macro_rules! lanes {
     (
         $t:ident, $n:literal, $with:ident, $set:ident, $load:ident, $store:ident,
         $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident, $sqrt:ident,
-        negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident
+        negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident,
+        insert: $insert:ident, store_from: $store_from:ident
     ) => {
         // SAFETY of this macro: a value of the type exists only after the processor was asked (see the module above).
         impl Add for $t {
@@ -142,6 +143,34 @@ macro_rules! lanes {
             }
             numbers_in_memory!();
         }
+        impl Wide<Fused> for $t {
+            const WIDTH: usize = $n;
+            #[inline(always)]
+            fn load(x: &[Fused]) -> Self {
+                let x = &x[..$n];
+                unsafe { $t($load(x.as_ptr().cast())) }
+            }
+            #[inline(always)]
+            fn store(self, x: &mut [Fused]) {
+                let x = &mut x[..$n];
+                unsafe { $store(x.as_mut_ptr().cast(), self.0) }
+            }
+            #[inline(always)]
+            fn store_from(self, first: usize, x: &mut [Fused]) {
+                if first < $n {
+                    let x = &mut x[..$n - first];
+                    unsafe { $store_from(x, first, self.0) }
+                }
+            }
+            #[inline(always)]
+            fn broadcast(x: Fused) -> Self {
+                Self::splat(x.0)
+            }
+            #[inline(always)]
+            fn with(self, lane: usize, x: Fused) -> Self {
+                unsafe { $t($insert(self.0, lane, x.0)) }
+            }
+        }
         impl Quadrants for $t {
             #[inline(always)]
             fn turn(shifted: Self, sin: Self, cos: Self) -> (Self, Self) {
@@ -171,13 +200,15 @@ macro_rules! lanes {
 lanes!(
     F64x4, 4, with_fma, _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd,
     _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd, _mm256_fmadd_pd, _mm256_sqrt_pd,
-    negate: negate4, all: all_between4, size: size4, turn: turn4
+    negate: negate4, all: all_between4, size: size4, turn: turn4,
+    insert: insert4, store_from: store_from4
 );
 
 lanes!(
     F64x8, 8, with_avx512, _mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd,
     _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd, _mm512_div_pd, _mm512_fmadd_pd, _mm512_sqrt_pd,
-    negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8
+    negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8,
+    insert: insert8, store_from: store_from8
 );
 
 // Functions, for closures cannot be made to inline. SAFETY: as in the macro.
@@ -241,4 +272,35 @@ unsafe fn turn8(shifted: __m512d, s: __m512d, c: __m512d) -> (__m512d, __m512d) 
 #[inline(always)]
 unsafe fn flip(x: __m512d, sign: __m512i) -> __m512d {
     unsafe { _mm512_castsi512_pd(_mm512_xor_si512(_mm512_castpd_si512(x), sign)) }
+}
+
+#[inline(always)]
+unsafe fn insert4(x: __m256d, lane: usize, number: f64) -> __m256d {
+    unsafe {
+        let here = _mm256_cmpeq_epi64(_mm256_setr_epi64x(0, 1, 2, 3), _mm256_set1_epi64x(lane as i64));
+        _mm256_blendv_pd(x, _mm256_set1_pd(number), _mm256_castsi256_pd(here))
+    }
+}
+
+#[inline(always)]
+unsafe fn insert8(x: __m512d, lane: usize, number: f64) -> __m512d {
+    unsafe { _mm512_mask_broadcastsd_pd(x, 1u8.wrapping_shl(lane as u32), _mm_set_sd(number)) }
+}
+
+/// `to` has as many numbers as there are lanes from `first` on, at least one.
+#[inline(always)]
+unsafe fn store_from4(to: &mut [Fused], first: usize, x: __m256d) {
+    let mut all = [0.0; 4];
+    unsafe { _mm256_storeu_pd(all.as_mut_ptr(), x) };
+    for (to, x) in to.iter_mut().zip(&all[first..]) {
+        *to = Fused(*x);
+    }
+}
+
+/// `to` has as many numbers as there are lanes from `first` on, at least one.
+#[inline(always)]
+unsafe fn store_from8(to: &mut [Fused], first: usize, x: __m512d) {
+    // The lanes before `first` are not written: their addresses need not exist.
+    let mask = 0xffu8.wrapping_shl(first as u32);
+    unsafe { _mm512_mask_storeu_pd(to.as_mut_ptr().cast::<f64>().wrapping_sub(first), mask, x) }
 }
