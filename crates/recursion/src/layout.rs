@@ -48,6 +48,16 @@ impl<C: Real> LayoutBody<C> {
         let (shift, general) = self.link.at(&self.hinge, &q[self.q..]);
         general.unwrap_or_else(|| self.link.pose(&shift))
     }
+    /// The parent's axes, in any frame, turned into the body's; and the body's origin from the parent's, there.
+    #[inline(always)]
+    pub(crate) fn axes_to_child<T: Scalar<Constant = C>>(
+        &self,
+        q: &[T],
+        axes: [Vec3<T>; 3],
+    ) -> ([Vec3<T>; 3], Vec3<T>) {
+        let (shift, general) = self.link.at(&self.hinge, &q[self.q..]);
+        Passage { body: self, shift: &shift, general: general.as_ref() }.axes_to_child(axes)
+    }
     /// Pose of the joint frame in the parent's frame: the body's pose at q = 0.
     pub fn placement(&self) -> Transform<C> {
         self.link.placement()
@@ -188,6 +198,25 @@ impl<T: Scalar> Passage<'_, T> {
             Some(x) => x.articulated_to_parent(P),
             None => self.body.link.articulated_to_parent(self.shift, P),
         }
+    }
+    /// φ M φ* + `own`.
+    #[inline(always)]
+    pub(crate) fn rigid_onto_parent(&self, M: &RigidInertia<T>, own: &RigidInertia<T>) -> RigidInertia<T> {
+        match self.general {
+            Some(x) => x.rigid_to_parent(M) + *own,
+            None => self.body.link.rigid_onto_parent(self.shift, M, own),
+        }
+    }
+    /// The parent's axes, in any frame, turned into the body's; and the body's origin from the parent's, there.
+    #[inline(always)]
+    pub(crate) fn axes_to_child(&self, axes: [Vec3<T>; 3]) -> ([Vec3<T>; 3], Vec3<T>) {
+        let Some(x) = self.general else { return self.body.link.axes_to_child(self.shift, axes) };
+        let combine = |v: Vec3<T>| {
+            let [a, b, c] = v.0;
+            axes[0].scale_add(a, axes[1].scale_add(b, axes[2].scale(c)))
+        };
+        let columns = [0, 1, 2].map(|i| x.rotation.column(i));
+        ([combine(columns[0]), combine(columns[1]), combine(columns[2])], combine(x.translation))
     }
     /// φ M φ*.
     #[inline(always)]

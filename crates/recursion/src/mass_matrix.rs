@@ -106,10 +106,16 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
         pending.clear();
         let mut hand = RigidInertia::zero();
         for (k, body) in layout.bodies.iter().enumerate().rev() {
-            let own = RigidInertia::constant(&body.inertia);
-            let R = pending.gather(body, &hand, |a, b| a + b).map_or(own, |R| R + own);
+            let R = match pending.gather(body, &hand, |a, b| a + b) {
+                Some(R) => R,
+                None => RigidInertia::constant(&body.inertia),
+            };
             let passage = shifts.at(k, body);
-            if body.parent != GROUND {
+            if body.follows_parent(k) {
+                // The first child gives also what its parent has of its own.
+                let own = RigidInertia::constant(&layout.bodies[body.parent].inertia);
+                hand = passage.rigid_onto_parent(&R, &own);
+            } else if body.parent != GROUND {
                 pending.give(k, body, &mut hand, passage.rigid_to_parent(&R));
             }
             let passage = WidePassage::<T::Arithmetic, W>::new(body, passage);
@@ -120,7 +126,7 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
             }
         }
         if *dense {
-            mirror(matrix.out, layout.nv());
+            mirror::<_, W>(matrix.out, layout.nv());
         }
     }
 }
@@ -158,7 +164,7 @@ fn step<T: Scalar, W: Wide<T>, const C: usize>(
             columns.store(at, passage.wrench_to_parent(f));
         }
     }
-    matrix.finish(in_order, body.v, range);
+    matrix.finish::<W>(in_order, body.v, range);
 }
 
 /// Any joint.
@@ -189,7 +195,7 @@ fn general_step<T: Scalar, W: Wide<T>>(
             }
             matrix.put(in_order, body.v + i, start, at, along);
         }
-        matrix.finish(in_order, body.v + i, start..range.end);
+        matrix.finish::<W>(in_order, body.v + i, start..range.end);
     }
     if body.parent != GROUND {
         let mut at = range.end;
@@ -224,12 +230,12 @@ impl<T: Scalar> Matrix<'_, T> {
     }
     /// Ends row `v`.
     #[inline(always)]
-    fn finish(&mut self, in_order: bool, v: usize, range: Range<usize>) {
+    fn finish<W: Wide<T>>(&mut self, in_order: bool, v: usize, range: Range<usize>) {
         let nv = self.nv;
         if in_order {
             let end = v + range.len();
             if self.dense {
-                self.out[v * nv + end..(v + 1) * nv].fill(T::zero());
+                clear::<T, W>(&mut self.out[v * nv + end..(v + 1) * nv]);
             } else {
                 for c in v + 1..end {
                     self.out[c * nv + v] = self.out[v * nv + c];
@@ -238,7 +244,7 @@ impl<T: Scalar> Matrix<'_, T> {
             return;
         }
         if self.dense {
-            self.out[v * nv + v..(v + 1) * nv].fill(T::zero());
+            clear::<T, W>(&mut self.out[v * nv + v..(v + 1) * nv]);
         }
         for (&c, &x) in self.places.dofs(range.clone()).iter().zip(&self.line[range]) {
             self.out[v * nv + c] = x;
@@ -249,16 +255,29 @@ impl<T: Scalar> Matrix<'_, T> {
     }
 }
 
-/// Copies the upper triangle to the lower one, in tiles that stay in the cache.
+/// Zeros, by stores alone: a call would drive what a sweep carries out of the registers.
 #[inline(always)]
-pub(crate) fn mirror<T: Copy>(out: &mut [T], nv: usize) {
-    const TILE: usize = 8;
-    for top in (0..nv).step_by(TILE) {
-        for left in (0..=top).step_by(TILE) {
-            for r in top..nv.min(top + TILE) {
-                for c in left..r.min(left + TILE) {
-                    out[r * nv + c] = out[c * nv + r];
-                }
+fn clear<T: Scalar, W: Wide<T>>(x: &mut [T]) {
+    for group in x.chunks_mut(W::WIDTH) {
+        W::zero().store_some(group);
+    }
+}
+
+/// Copies the upper triangle to the lower one, in tiles.
+#[inline(always)]
+pub(crate) fn mirror<T: Scalar, W: Wide<T>>(out: &mut [T], nv: usize) {
+    let width = W::WIDTH;
+    for top in (0..nv).step_by(width) {
+        let below = width.min(nv - top);
+        for left in (0..=top).step_by(width) {
+            let mut tile = [W::zero(); WIDEST];
+            for i in 0..width.min(nv - left) {
+                tile[i] = W::load_some(&out[(left + i) * nv + top..][..below]);
+            }
+            W::transpose(&mut tile);
+            for i in 0..below {
+                let count = if left == top { i } else { width };
+                tile[i].store_some(&mut out[(top + i) * nv + left..][..count]);
             }
         }
     }

@@ -7,6 +7,7 @@
 
 use crate::energy::{CenterOfMass, Root};
 use crate::error::{DynamicsError, check_length};
+use crate::hinge::each_component;
 use crate::kernel::kernel;
 use crate::layout::{GROUND, Layout, Shifts};
 use phipsi_spatial::{Motion, RigidInertia, Scalar, Transform, Vec3, Wrench};
@@ -139,7 +140,8 @@ pub fn momentum<T: Scalar>(
 pub struct CentroidalMomentumMatrix<T: Scalar> {
     shifts: Shifts<T::Arithmetic>,
     R: Vec<RigidInertia<T::Arithmetic>>,
-    frames: Vec<Transform<T::Arithmetic>>,
+    /// Axes of every body in the world, and its origin from the centre of mass.
+    frames: Vec<([Vec3<T::Arithmetic>; 3], Vec3<T::Arithmetic>)>,
     center: CenterOfMass<T>,
 }
 
@@ -149,7 +151,7 @@ impl<T: Scalar> CentroidalMomentumMatrix<T> {
         CentroidalMomentumMatrix {
             shifts: Shifts::new(layout),
             R: vec![RigidInertia::zero(); layout.len()],
-            frames: vec![Transform::identity(); layout.len()],
+            frames: vec![([Vec3::zero(); 3], Vec3::zero()); layout.len()],
             center: CenterOfMass::new(layout),
         }
     }
@@ -159,8 +161,8 @@ impl<T: Scalar> CentroidalMomentumMatrix<T> {
     /// `q`: nq; `out`: 6×nv by rows.
     ///
     /// # Method
-    /// Column i is the momentum of the composite body outboard of the joint, moving along axis i. Cost O(n · depth), no
-    /// allocation.
+    /// Column i is the momentum of the composite body outboard of the joint, moving along axis i, moved to the centre of mass
+    /// by the body's place from its root's. Cost O(n), no allocation.
     ///
     /// # Errors
     /// [`DynamicsError::Shape`].
@@ -182,34 +184,44 @@ kernel! {
         out: &'a mut [T::Arithmetic],
     } -> () {
         let CentroidalMomentumMatrix { shifts, R, frames, center } = work;
-        shifts.begin(q);
-        for (k, body) in layout.bodies.iter().enumerate() {
-            shifts.set(k, body, q);
-            R[k] = RigidInertia::constant(&body.inertia);
+        shifts.set_all(layout, q);
+        for (R, body) in R.iter_mut().zip(&layout.bodies) {
+            *R = RigidInertia::constant(&body.inertia);
         }
         for (k, body) in layout.bodies.iter().enumerate().rev() {
             if body.parent != GROUND {
-                R[body.parent] = R[body.parent] + shifts.at(k, body).rigid_to_parent(&R[k]);
+                R[body.parent] = shifts.at(k, body).rigid_onto_parent(&R[k], &R[body.parent]);
             }
         }
-        center.gather(layout, q);
+        for root in &mut center.roots {
+            let k = root.body;
+            let pose = shifts.at(k, &layout.bodies[k]).pose();
+            *root = Root { body: k, pose, mass: R[k].mass, moment: R[k].first_moment };
+        }
         for root in &center.roots {
-            frames[root.body] = frame_at(center, root, About::CenterOfMass);
+            let (mass, Vec3([x, y, z])) = center.sum(root.pose.translation);
+            let axes = [0, 1, 2].map(|i| root.pose.rotation.column(i));
+            frames[root.body] = (axes, -Vec3([x / mass, y / mass, z / mass]));
         }
         let nv = layout.nv();
         for (k, body) in layout.bodies.iter().enumerate() {
-            for i in 0..body.hinge.nv() {
-                let mut h = R[k].momentum(body.hinge.axis(i));
-                let mut at = k;
-                while layout.bodies[at].parent != GROUND {
-                    h = shifts.at(at, &layout.bodies[at]).wrench_to_parent(h);
-                    at = layout.bodies[at].parent;
-                }
-                let column = frames[at].wrench_to_child(h).to_array();
-                for (r, x) in column.into_iter().enumerate() {
+            if body.parent != GROUND {
+                let (axes, origin) = frames[body.parent];
+                let (axes, step) = shifts.at(k, body).axes_to_child(axes);
+                frames[k] = (axes, origin + step);
+            }
+            let ([x, y, z], origin) = frames[k];
+            let up = |v: Vec3<T::Arithmetic>| x.scale_add(v.0[0], y.scale_add(v.0[1], z.scale(v.0[2])));
+            let mut put = |i: usize, h: Wrench<T::Arithmetic>| {
+                let force = up(h.force);
+                let moment = origin.cross_add(force, up(h.moment));
+                for (r, x) in Wrench::new(moment, force).to_array().into_iter().enumerate() {
                     out[r * nv + body.v + i] = x;
                 }
-            }
+            };
+            each_component!(body.hinge, |I, C| put(I, R[k].column(C)), {
+                put(0, R[k].momentum(body.hinge.axis(0)));
+            });
         }
     }
 }

@@ -107,12 +107,18 @@ pub trait Wide<T: Scalar>: Scalar<Constant = T::Constant> {
     fn load(x: &[T]) -> Self;
     /// Writes them there.
     fn store(self, x: &mut [T]);
+    /// As many of the first numbers of a slice as it has; zero in the other lanes.
+    fn load_some(x: &[T]) -> Self;
+    /// Writes as many lanes as the slice has numbers.
+    fn store_some(self, x: &mut [T]);
     /// Writes the lanes from `first` on to the first numbers of a slice.
     fn store_from(self, first: usize, x: &mut [T]);
     /// The same number in every lane.
     fn broadcast(x: T) -> Self;
     /// With another number in one lane.
     fn with(self, lane: usize, x: T) -> Self;
+    /// Lane j of number i becomes lane i of number j, of the first [`Wide::WIDTH`] numbers.
+    fn transpose(tile: &mut [Self; WIDEST]);
 }
 
 /// The largest [`Wide::WIDTH`].
@@ -129,6 +135,16 @@ impl<T: Scalar> Wide<T> for T {
         x[0] = self;
     }
     #[inline(always)]
+    fn load_some(x: &[T]) -> T {
+        x.first().map_or(T::zero(), |x| *x)
+    }
+    #[inline(always)]
+    fn store_some(self, x: &mut [T]) {
+        if let Some(x) = x.first_mut() {
+            *x = self;
+        }
+    }
+    #[inline(always)]
     fn store_from(self, first: usize, x: &mut [T]) {
         if first == 0 {
             x[0] = self;
@@ -142,6 +158,8 @@ impl<T: Scalar> Wide<T> for T {
     fn with(self, _: usize, x: T) -> T {
         x
     }
+    #[inline(always)]
+    fn transpose(_: &mut [T; WIDEST]) {}
 }
 
 /// A [`Kernel`] that works on rows of numbers: see [`Scalar::dispatch_wide`].
@@ -324,7 +342,7 @@ impl Scalar for Fused {
     }
     #[inline(always)]
     fn sin_cos_all(x: &[Self], sin: &mut [Self], cos: &mut [Self]) {
-        widest(SinCosAll { x, sin, cos });
+        Self::dispatch_wide(SinCosAll { x, sin, cos });
     }
     #[inline(always)]
     fn is_positive(self) -> bool {
@@ -366,40 +384,16 @@ struct SinCosAll<'a> {
     cos: &'a mut [Fused],
 }
 
-impl Visitor for SinCosAll<'_> {
+impl WideKernel<Fused> for SinCosAll<'_> {
     type Output = ();
     #[inline(always)]
-    fn visit<T: Lanes>(self) {
-        T::dispatch(SinCosIn::<T> { all: self, lanes: Default::default() });
-    }
-}
-
-struct SinCosIn<'a, T> {
-    all: SinCosAll<'a>,
-    lanes: core::marker::PhantomData<T>,
-}
-
-impl<T: Lanes> Kernel for SinCosIn<'_, T> {
-    type Output = ();
-    #[inline(always)]
-    fn run(self) {
-        let SinCosAll { x, sin, cos } = self.all;
-        let mut at = 0;
-        while at < x.len() {
-            let some = &x[at..x.len().min(at + T::LANES)];
-            let mut packed = [T::zero()];
-            for (to, from) in T::numbers_mut(&mut packed).iter_mut().zip(some) {
-                *to = from.0;
-            }
-            let (s, c) = packed[0].sin_cos();
-            let (s, c) = ([s], [c]);
-            for (to, from) in sin[at..].iter_mut().zip(&T::numbers(&s)[..some.len()]) {
-                *to = Fused(*from);
-            }
-            for (to, from) in cos[at..].iter_mut().zip(&T::numbers(&c)[..some.len()]) {
-                *to = Fused(*from);
-            }
-            at += T::LANES;
+    fn run<W: Wide<Fused>>(self) {
+        let SinCosAll { x, sin, cos } = self;
+        let groups = x.chunks(W::WIDTH).zip(sin.chunks_mut(W::WIDTH)).zip(cos.chunks_mut(W::WIDTH));
+        for ((x, sin), cos) in groups {
+            let (s, c) = W::load_some(x).sin_cos();
+            s.store_some(sin);
+            c.store_some(cos);
         }
     }
 }

@@ -10,7 +10,7 @@ use phipsi::prelude::{Mimic, UrdfOptions, read_urdf_file};
 use phipsi::recursion::batch::{Input, StateKernel, run_batch};
 use phipsi::recursion::{
     CentroidalMomentumMatrix, DynamicsError, ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics,
-    InverseDynamicsDerivatives, Layout, MassMatrix, MassMatrixInverse, jacobian_into,
+    InverseDynamicsDerivatives, Jacobian, Layout, MassMatrix, MassMatrixInverse,
 };
 use phipsi::spatial::lanes::{Lanes, Level};
 use protocol::{Call, Failure, Operation, Program, States, serve};
