@@ -1,11 +1,11 @@
 //! The Jacobian J = B* φ* H* of a point of a body (paper 2, (4.8)).
 
 use crate::error::{DynamicsError, check_length};
-use crate::hinge::Hinge;
+use crate::hinge::{Hinge, combine};
 use crate::kernel::kernel;
 use crate::layout::{GROUND, Layout};
 use num_traits::{One, Zero};
-use phipsi_spatial::{Scalar, Turn, Vec3};
+use phipsi_spatial::{Mat3, Scalar, Turn, Vec3};
 
 /// Axes of a body in the world, and its origin from its parent's.
 type Frame<T> = ([Vec3<T>; 3], Vec3<T>);
@@ -105,33 +105,33 @@ kernel! {
         let mut arm = Vec3::constant(carrier.pose.translation);
         if let Some(Vec3([x, y, z])) = point {
             let point = Vec3([x.to_arithmetic(), y.to_arithmetic(), z.to_arithmetic()]);
-            arm += phipsi_spatial::Mat3::constant(&carrier.pose.rotation) * point;
+            arm += Mat3::constant(&carrier.pose.rotation) * point;
         }
-        let up = |[x, y, z]: [Vec3<T::Arithmetic>; 3], v: Vec3<T::Arithmetic>| {
-            x.scale_add(v.0[0], y.scale_add(v.0[1], z.scale(v.0[2])))
-        };
-        arm = up(axes, arm);
+        arm = combine(&axes, arm);
         let rows = &mut out[..6 * nv];
         for m in 0..depth {
             let b = &layout.bodies[path[m]];
             let (axes, origin) = frames[m];
-            let mut put = |i: usize, angular: Vec3<T::Arithmetic>, linear: Vec3<T::Arithmetic>| {
-                let ([a, b_, c], [d, e, f]) = (angular.0, linear.0);
-                for (r, x) in [a, b_, c, d, e, f].into_iter().enumerate() {
-                    rows[r * nv + b.v + i] = x;
-                }
-            };
             if let Hinge::Revolute = b.hinge {
-                put(0, axes[2], axes[2].cross(arm));
+                put(rows, nv, b.v, axes[2], axes[2].cross(arm));
             } else {
                 for i in 0..b.hinge.nv() {
                     let axis = b.hinge.axis(i);
-                    let angular = up(axes, axis.angular);
-                    put(i, angular, angular.cross_add(arm, up(axes, axis.linear)));
+                    let angular = combine(&axes, axis.angular);
+                    let linear = angular.cross_add(arm, combine(&axes, axis.linear));
+                    put(rows, nv, b.v + i, angular, linear);
                 }
             }
             arm += origin;
         }
+    }
+}
+
+#[inline(always)]
+fn put<T: Scalar>(rows: &mut [T], nv: usize, i: usize, angular: Vec3<T>, linear: Vec3<T>) {
+    for r in 0..3 {
+        rows[r * nv + i] = angular.0[r];
+        rows[(r + 3) * nv + i] = linear.0[r];
     }
 }
 

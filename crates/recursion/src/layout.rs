@@ -10,7 +10,7 @@
 //! a stack of at most log₂ n entries.
 
 use crate::error::DynamicsError;
-use crate::hinge::Hinge;
+use crate::hinge::{Hinge, combine};
 use crate::kernel::kernel;
 use crate::link::{Link, Shift};
 use phipsi_model::joint::rotation_from_z;
@@ -211,12 +211,8 @@ impl<T: Scalar> Passage<'_, T> {
     #[inline(always)]
     pub(crate) fn axes_to_child(&self, axes: [Vec3<T>; 3]) -> ([Vec3<T>; 3], Vec3<T>) {
         let Some(x) = self.general else { return self.body.link.axes_to_child(self.shift, axes) };
-        let combine = |v: Vec3<T>| {
-            let [a, b, c] = v.0;
-            axes[0].scale_add(a, axes[1].scale_add(b, axes[2].scale(c)))
-        };
-        let columns = [0, 1, 2].map(|i| x.rotation.column(i));
-        ([combine(columns[0]), combine(columns[1]), combine(columns[2])], combine(x.translation))
+        let [a, b, c] = [0, 1, 2].map(|i| x.rotation.column(i));
+        ([combine(&axes, a), combine(&axes, b), combine(&axes, c)], combine(&axes, x.translation))
     }
     /// φ M φ*.
     #[inline(always)]

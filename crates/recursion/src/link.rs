@@ -363,9 +363,6 @@ impl<C: Real> Link<C> {
         shift: &Shift<T>,
         axes: [Vec3<T>; 3],
     ) -> ([Vec3<T>; 3], Vec3<T>) {
-        let turned = |Turn { cos, sin }: Turn<T>, a: Vec3<T>, b: Vec3<T>| {
-            (a.scale(cos) + b.scale(sin), b.scale(cos) - a.scale(sin))
-        };
         let [mut x, mut y, mut z] = axes;
         if self.has_first {
             (x, y) = turned(Turn::constant(&self.first), x, y);
@@ -405,6 +402,12 @@ impl<C: Real> Link<C> {
         let shifted = self.twisted_rigid(shift, M).shifted(shift.offset);
         if self.has_first { Turn::constant(&self.first).rigid_up(Axis::Z, &shifted) } else { shifted }
     }
+}
+
+/// Two axes turned in their plane.
+#[inline(always)]
+fn turned<T: Scalar>(turn: Turn<T>, a: Vec3<T>, b: Vec3<T>) -> (Vec3<T>, Vec3<T>) {
+    (a.scale_add(turn.cos, b.scale(turn.sin)), b.scale_add(turn.cos, a.scale(-turn.sin)))
 }
 
 /// (c, s) of length one.

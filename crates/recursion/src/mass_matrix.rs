@@ -84,6 +84,43 @@ impl<T: Scalar> MassMatrix<T> {
     }
 }
 
+/// Composite inertias R of bodies, tip to base.
+pub(crate) struct Composites<'a, T: Scalar> {
+    layout: &'a Layout<T::Constant>,
+    shifts: &'a Shifts<T>,
+    pending: &'a mut Pending<RigidInertia<T>>,
+    hand: RigidInertia<T>,
+}
+
+impl<'a, T: Scalar> Composites<'a, T> {
+    #[inline(always)]
+    pub(crate) fn begin(
+        layout: &'a Layout<T::Constant>,
+        shifts: &'a Shifts<T>,
+        pending: &'a mut Pending<RigidInertia<T>>,
+    ) -> Self {
+        pending.clear();
+        Composites { layout, shifts, pending, hand: RigidInertia::zero() }
+    }
+    /// R of body `k`, after all bodies that are stored after it.
+    #[inline(always)]
+    pub(crate) fn next(&mut self, k: usize, body: &LayoutBody<T::Constant>) -> RigidInertia<T> {
+        let R = match self.pending.gather(body, &self.hand, |a, b| a + b) {
+            Some(R) => R,
+            None => RigidInertia::constant(&body.inertia),
+        };
+        if body.follows_parent(k) {
+            // The first child gives also what its parent has of its own.
+            let own = RigidInertia::constant(&self.layout.bodies[body.parent].inertia);
+            self.hand = self.shifts.at(k, body).rigid_onto_parent(&R, &own);
+        } else if body.parent != GROUND {
+            let moved = self.shifts.at(k, body).rigid_to_parent(&R);
+            self.pending.give(k, body, &mut self.hand, moved);
+        }
+        R
+    }
+}
+
 struct Sweep<'a, T: Scalar> {
     work: &'a mut MassMatrix<T>,
     layout: &'a Layout<T::Constant>,
@@ -103,21 +140,10 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
             matrix.out.fill(T::Arithmetic::zero());
         }
         shifts.set_all(layout, q);
-        pending.clear();
-        let mut hand = RigidInertia::zero();
+        let mut composites = Composites::begin(layout, shifts, pending);
         for (k, body) in layout.bodies.iter().enumerate().rev() {
-            let R = match pending.gather(body, &hand, |a, b| a + b) {
-                Some(R) => R,
-                None => RigidInertia::constant(&body.inertia),
-            };
+            let R = composites.next(k, body);
             let passage = shifts.at(k, body);
-            if body.follows_parent(k) {
-                // The first child gives also what its parent has of its own.
-                let own = RigidInertia::constant(&layout.bodies[body.parent].inertia);
-                hand = passage.rigid_onto_parent(&R, &own);
-            } else if body.parent != GROUND {
-                pending.give(k, body, &mut hand, passage.rigid_to_parent(&R));
-            }
             let passage = WidePassage::<T::Arithmetic, W>::new(body, passage);
             match body.hinge {
                 Hinge::Revolute => step::<_, W, 2>(&mut matrix, &mut columns, k, body, &passage, &R),

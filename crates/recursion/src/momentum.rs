@@ -5,11 +5,13 @@
 //! | h(k) | M(k) V(k) + Σ φ(k,c) h(c), momentum of everything outboard of joint k | notes/integrators.md 1 |
 //! | R(k) | M(k) + Σ φ(k,c) R(c) φ*(k,c), inertia of everything outboard of joint k, joints locked | paper 2 (4.12) |
 
+use crate::articulated_sweep::Pending;
 use crate::energy::{CenterOfMass, Root};
 use crate::error::{DynamicsError, check_length};
-use crate::hinge::each_component;
+use crate::hinge::{Hinge, combine};
 use crate::kernel::kernel;
 use crate::layout::{GROUND, Layout, Shifts};
+use crate::mass_matrix::Composites;
 use phipsi_spatial::{Motion, RigidInertia, Scalar, Transform, Vec3, Wrench};
 
 /// The point about which angular momentum is taken.
@@ -139,6 +141,7 @@ pub fn momentum<T: Scalar>(
 #[derive(Clone, Debug)]
 pub struct CentroidalMomentumMatrix<T: Scalar> {
     shifts: Shifts<T::Arithmetic>,
+    pending: Pending<RigidInertia<T::Arithmetic>>,
     R: Vec<RigidInertia<T::Arithmetic>>,
     /// Axes of every body in the world, and its origin from the centre of mass.
     frames: Vec<([Vec3<T::Arithmetic>; 3], Vec3<T::Arithmetic>)>,
@@ -150,6 +153,7 @@ impl<T: Scalar> CentroidalMomentumMatrix<T> {
     pub fn new(layout: &Layout<T::Constant>) -> Self {
         CentroidalMomentumMatrix {
             shifts: Shifts::new(layout),
+            pending: Pending::new(layout, RigidInertia::zero()),
             R: vec![RigidInertia::zero(); layout.len()],
             frames: vec![([Vec3::zero(); 3], Vec3::zero()); layout.len()],
             center: CenterOfMass::new(layout),
@@ -183,15 +187,11 @@ kernel! {
         q: &'a [T::Arithmetic],
         out: &'a mut [T::Arithmetic],
     } -> () {
-        let CentroidalMomentumMatrix { shifts, R, frames, center } = work;
+        let CentroidalMomentumMatrix { shifts, pending, R, frames, center } = work;
         shifts.set_all(layout, q);
-        for (R, body) in R.iter_mut().zip(&layout.bodies) {
-            *R = RigidInertia::constant(&body.inertia);
-        }
+        let mut composites = Composites::begin(layout, shifts, pending);
         for (k, body) in layout.bodies.iter().enumerate().rev() {
-            if body.parent != GROUND {
-                R[body.parent] = shifts.at(k, body).rigid_onto_parent(&R[k], &R[body.parent]);
-            }
+            R[k] = composites.next(k, body);
         }
         for root in &mut center.roots {
             let k = root.body;
@@ -204,25 +204,44 @@ kernel! {
             frames[root.body] = (axes, -Vec3([x / mass, y / mass, z / mass]));
         }
         let nv = layout.nv();
+        let mut previous = ([Vec3::zero(); 3], Vec3::zero());
         for (k, body) in layout.bodies.iter().enumerate() {
-            if body.parent != GROUND {
-                let (axes, origin) = frames[body.parent];
+            previous = if body.parent == GROUND {
+                frames[k]
+            } else {
+                let (axes, origin) = if body.follows_parent(k) { previous } else { frames[body.parent] };
                 let (axes, step) = shifts.at(k, body).axes_to_child(axes);
-                frames[k] = (axes, origin + step);
-            }
-            let ([x, y, z], origin) = frames[k];
-            let up = |v: Vec3<T::Arithmetic>| x.scale_add(v.0[0], y.scale_add(v.0[1], z.scale(v.0[2])));
-            let mut put = |i: usize, h: Wrench<T::Arithmetic>| {
-                let force = up(h.force);
-                let moment = origin.cross_add(force, up(h.moment));
-                for (r, x) in Wrench::new(moment, force).to_array().into_iter().enumerate() {
-                    out[r * nv + body.v + i] = x;
-                }
+                (axes, origin + step)
             };
-            each_component!(body.hinge, |I, C| put(I, R[k].column(C)), {
-                put(0, R[k].momentum(body.hinge.axis(0)));
-            });
+            if body.children > 1 {
+                frames[k] = previous;
+            }
+            let rows = &mut *out;
+            if let Hinge::Revolute = body.hinge {
+                put(rows, nv, body.v, &previous, R[k].column(2));
+                continue;
+            }
+            for i in 0..body.hinge.nv() {
+                put(rows, nv, body.v + i, &previous, R[k].momentum(body.hinge.axis(i)));
+            }
         }
+    }
+}
+
+/// Writes a momentum in the axes of a body, about its origin, as column `i`.
+#[inline(always)]
+fn put<T: Scalar>(
+    out: &mut [T],
+    nv: usize,
+    i: usize,
+    (axes, origin): &([Vec3<T>; 3], Vec3<T>),
+    h: Wrench<T>,
+) {
+    let force = combine(axes, h.force);
+    let moment = origin.cross_add(force, combine(axes, h.moment));
+    let column = Wrench::new(moment, force).to_array();
+    for r in 0..6 {
+        out[r * nv + i] = column[r];
     }
 }
 
