@@ -110,10 +110,15 @@ impl<T: Scalar> Rows<'_, T> {
     #[inline(always)]
     pub(crate) fn load<W: Wide<T>>(&self, at: usize) -> Wrench<W> {
         let [a, b, c, d, e, f] = &self.rows;
-        let end = at + W::WIDTH;
-        let n = self.count;
-        let row = |x: &[T]| W::load(&x[..n][at..end]);
-        Wrench::from_array([row(a), row(b), row(c), row(d), row(e), row(f)])
+        let (n, end) = (self.count, at + W::WIDTH);
+        Wrench::from_array([
+            W::load(&a[..n][at..end]),
+            W::load(&b[..n][at..end]),
+            W::load(&c[..n][at..end]),
+            W::load(&d[..n][at..end]),
+            W::load(&e[..n][at..end]),
+            W::load(&f[..n][at..end]),
+        ])
     }
     /// Writes the columns from place `at` on.
     #[inline(always)]
@@ -136,16 +141,18 @@ impl<'a, T: Scalar, W: Wide<T>> WidePassage<'a, T, W> {
     #[inline(always)]
     pub(crate) fn new(body: &'a LayoutBody<T::Constant>, passage: Passage<'_, T>) -> Self {
         let Turn { cos, sin } = passage.shift.turn;
-        let vector = |v: Vec3<T>| Vec3([W::broadcast(v.0[0]), W::broadcast(v.0[1]), W::broadcast(v.0[2])]);
         let shift = Shift {
             turn: Turn { cos: W::broadcast(cos), sin: W::broadcast(sin) },
             offset: vector(passage.shift.offset),
         };
-        let general = passage.general.map(|x| {
-            let [a, b, c] = x.rotation.0;
-            let rotation = Mat3([vector(Vec3(a)).0, vector(Vec3(b)).0, vector(Vec3(c)).0]);
-            Transform::new(rotation, vector(x.translation))
-        });
+        let general = match passage.general {
+            Some(x) => {
+                let [a, b, c] = x.rotation.0;
+                let rotation = Mat3([vector(Vec3(a)).0, vector(Vec3(b)).0, vector(Vec3(c)).0]);
+                Some(Transform::new(rotation, vector(x.translation)))
+            }
+            None => None,
+        };
         WidePassage { body, shift, general }
     }
     /// φ f.
@@ -156,4 +163,10 @@ impl<'a, T: Scalar, W: Wide<T>> WidePassage<'a, T, W> {
             None => self.body.link.wrench_to_parent(&self.shift, f),
         }
     }
+}
+
+/// The same vector in every lane.
+#[inline(always)]
+fn vector<T: Scalar, W: Wide<T>>(v: Vec3<T>) -> Vec3<W> {
+    Vec3([W::broadcast(v.0[0]), W::broadcast(v.0[1]), W::broadcast(v.0[2])])
 }
