@@ -18,6 +18,9 @@ use std::borrow::Cow;
 /// Work that one task of a thread takes, in numbers of states × degrees of freedom.
 const GRAIN: usize = 1024;
 
+/// Numbers of a result that are copied into an array of NumPy's own.
+const SMALL: usize = 512;
+
 /// Real numbers of an argument: batch axes, then the axes of one state.
 pub struct Argument {
     /// The argument's name.
@@ -230,7 +233,10 @@ pub fn array<'py>(
     data: Vec<f64>,
     shape: Vec<usize>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    PyArray1::from_vec(py, data).reshape(shape)
+    // A few numbers are copied in less time than NumPy takes to adopt a vector.
+    let flat =
+        if data.len() <= SMALL { PyArray1::from_slice(py, &data) } else { PyArray1::from_vec(py, data) };
+    if shape.len() == 1 { Ok(flat.to_dyn().clone()) } else { flat.reshape(shape) }
 }
 
 /// True if all numbers are finite; looks at many at a time.
@@ -248,13 +254,12 @@ fn all_finite(x: &[f64]) -> bool {
 /// The numbers of an array-like and its shape.
 fn numbers(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Vec<f64>, Vec<usize>)> {
     let py = object.py();
-    // `as_slice` alone also takes Fortran order, in memory order.
+    // `to_vec` alone also takes Fortran order, in memory order.
     if let Ok(array) = object.cast::<PyArrayDyn<f64>>()
         && array.is_c_contiguous()
-        && let Ok(read) = array.try_readonly()
-        && let Ok(slice) = read.as_slice()
+        && let Ok(data) = array.to_vec()
     {
-        return Ok((slice.to_vec(), array.shape().to_vec()));
+        return Ok((data, array.shape().to_vec()));
     }
     let type_error = |found: String, cause: Option<PyErr>| {
         let message = format!("`{name}` holds {found}, but real numbers are required");

@@ -115,9 +115,13 @@ fn matrices<'py>(
 ) -> PyResult<Matrices<'py>> {
     let out = out.map_err(|e| compiled.failure(py, batch, e, Names::Columns(quantity)))?;
     let nv = compiled.layout.nv();
+    let square = nv * nv;
     let part = |k: usize| {
-        let own = out.chunks_exact((nv * nv).max(1)).skip(k).step_by(3);
-        batch.array(py, own.flatten().copied().collect(), &[nv, nv])
+        let mut own = Vec::with_capacity(out.len() / 3);
+        for state in out.chunks_exact((3 * square).max(1)) {
+            own.extend_from_slice(&state[k * square..(k + 1) * square]);
+        }
+        batch.array(py, own, &[nv, nv])
     };
     Ok((part(0)?, part(1)?, part(2)?))
 }

@@ -39,7 +39,7 @@ use phipsi_spatial::lanes::{Fused, Lanes, Level, Visitor, at_level};
 pub trait StateKernel: Sync {
     /// Its scratch.
     type Workspace<T: Lanes>;
-    /// Makes the scratch; once for every block of states.
+    /// Makes the scratch; once for every run of blocks of states.
     fn workspace<T: Lanes>(&self) -> Self::Workspace<T>;
     /// The calculation: one slice for each input. To be `#[inline(always)]`, as [`Kernel::run`].
     ///
@@ -102,7 +102,7 @@ impl<'a> Input<'a> {
 /// Runs a kernel on `count` states. `out`: the results, state after state, of equal size.
 ///
 /// # Cost
-/// Threads (feature `parallel`) take blocks of states; allocates one workspace a block.
+/// Threads (feature `parallel`) take blocks of states; allocates a workspace for each run of blocks on a thread.
 ///
 /// # Errors
 /// The first state that fails, and how; [`DynamicsError::NotFinite`] if a number of its result is not finite.
@@ -172,30 +172,39 @@ impl<K: StateKernel> Visitor for Blocks<'_, K> {
         let Work { count, size, .. } = self.work;
         let packs = (BLOCK / (T::LANES * size)).clamp(1, 32);
         let states = packs * T::LANES;
-        let block = |(index, out): (usize, &mut [f64])| {
-            T::dispatch(Block::<T, K> {
-                work: self.work,
-                first: index * states,
-                out,
-                lanes: Default::default(),
-            })
+        let work = self.work;
+        let scratch = || Scratch {
+            workspace: work.kernel.workspace(),
+            packed: work.inputs.iter().map(|i| vec![T::zero(); i.size]).collect(),
+            results: vec![T::zero(); size],
+        };
+        let block = |scratch: &mut Scratch<T, K>, (index, out): (usize, &mut [f64])| {
+            T::dispatch(Block { work, first: index * states, out, scratch })
         };
         #[cfg(feature = "parallel")]
         if count > states {
             use rayon::prelude::*;
             let chunks = self.out.par_chunks_mut(states * size).enumerate();
-            return chunks.filter_map(block).min_by_key(|failed| failed.0);
+            return chunks.map_init(scratch, block).filter_map(|failed| failed).min_by_key(|failed| failed.0);
         }
-        let _ = count;
-        self.out.chunks_mut(states * size).enumerate().find_map(block)
+        let (mut scratch, _) = (scratch(), count);
+        self.out.chunks_mut(states * size).enumerate().find_map(|chunk| block(&mut scratch, chunk))
     }
 }
 
-struct Block<'a, T, K> {
+/// What one thread works with.
+struct Scratch<T: Lanes, K: StateKernel> {
+    workspace: K::Workspace<T>,
+    /// The inputs of a pack.
+    packed: Vec<Vec<T>>,
+    results: Vec<T>,
+}
+
+struct Block<'a, T: Lanes, K: StateKernel> {
     work: Work<'a, K>,
     first: usize,
     out: &'a mut [f64],
-    lanes: core::marker::PhantomData<T>,
+    scratch: &'a mut Scratch<T, K>,
 }
 
 impl<T: Lanes, K: StateKernel> Kernel for Block<'_, T, K> {
@@ -203,28 +212,26 @@ impl<T: Lanes, K: StateKernel> Kernel for Block<'_, T, K> {
     #[inline(always)]
     fn run(self) -> Failed {
         let Work { kernel, inputs, size, .. } = self.work;
-        let mut workspace = kernel.workspace::<T>();
-        let mut packed: Vec<Vec<T>> = inputs.iter().map(|i| vec![T::zero(); i.size]).collect();
-        let mut results = vec![T::zero(); size];
+        let Scratch { workspace, packed, results } = self.scratch;
         for (pack, out) in self.out.chunks_mut(T::LANES * size).enumerate() {
             let first = self.first + pack * T::LANES;
             let states = out.len() / size;
-            for (input, packed) in inputs.iter().zip(&mut packed) {
+            for (input, packed) in inputs.iter().zip(packed.iter_mut()) {
                 for lane in 0..T::LANES {
                     // Checked before: every input has numbers for every state.
                     let row = input.at(first + lane.min(states - 1)).unwrap_or_default();
                     T::pack(row, lane, packed);
                 }
             }
-            if let Err(error) = kernel.run(&mut workspace, &packed, &mut results) {
+            if let Err(error) = kernel.run(workspace, packed, results) {
                 return Some(self.work.first_failure(first, states).unwrap_or((first, error)));
             }
-            if !all_finite(&results) {
+            if !all_finite(results) {
                 let error = DynamicsError::NotFinite { index: 0, found: f64::NAN };
                 return Some(self.work.first_failure(first, states).unwrap_or((first, error)));
             }
             for (lane, row) in out.chunks_exact_mut(size).enumerate() {
-                T::unpack(&results, lane, row);
+                T::unpack(results, lane, row);
             }
         }
         None

@@ -8,7 +8,7 @@
 use crate::layout::{Layout, LayoutBody, Passage};
 use crate::link::Shift;
 use core::ops::Range;
-use phipsi_spatial::lanes::{WIDEST, Wide};
+use phipsi_spatial::wide::{WIDEST, Wide};
 use phipsi_spatial::{Mat3, Scalar, Transform, Turn, Vec3, Wrench};
 
 /// Where the columns of every body are.
@@ -110,7 +110,7 @@ impl<T: Scalar> Rows<'_, T> {
     #[inline(always)]
     pub(crate) fn load<W: Wide<T>>(&self, at: usize) -> Wrench<W> {
         let [a, b, c, d, e, f] = &self.rows;
-        let (n, end) = (self.count, at + W::WIDTH);
+        let (n, end) = (self.count, at + W::COUNT);
         Wrench::from_array([
             W::load(&a[..n][at..end]),
             W::load(&b[..n][at..end]),
@@ -125,7 +125,7 @@ impl<T: Scalar> Rows<'_, T> {
     pub(crate) fn store<W: Wide<T>>(&mut self, at: usize, x: Wrench<W>) {
         let n = self.count;
         for (row, x) in self.rows.iter_mut().zip(x.to_array()) {
-            x.store(&mut row[..n][at..at + W::WIDTH]);
+            x.store(&mut row[..n][at..at + W::COUNT]);
         }
     }
 }

@@ -42,9 +42,8 @@ kernel! {
     } -> T::Arithmetic {
         let KineticEnergy { shifts, velocity } = work;
         let mut twice = T::Arithmetic::splat(0.0);
-        shifts.begin(q);
+        shifts.set_all(layout, q);
         for (k, body) in layout.bodies.iter().enumerate() {
-            shifts.set(k, body, q);
             let joint = body.hinge.expand(&v[body.v..]);
             velocity[k] = match body.parent {
                 GROUND => joint,

@@ -546,10 +546,6 @@ impl<T: Scalar> Composite<T> {
         let position = Motion::new(Vec3([x.fma(z, b), y.fma(z, -a), -(x.fma(x, y * y))]), Vec3([d, -c, o]));
         let (J, h, N, l) =
             (&self.inertia.inertia, self.inertia.first_moment.0, &self.moment.0, self.momentum.0);
-        let across = |p: T, q: T, v: Vec3<T>| p.fma(v.0[0], q * v.0[1]);
-        let lever = |m: [T; 3], v: Vec3<T>| {
-            Vec3([-(m[2] * v.0[1]), m[2] * v.0[0], m[0].fma(v.0[1], -(m[1] * v.0[0]))])
-        };
         let inertia = Wrench::new(J.column(2), Vec3([-h[1], h[0], o]));
         let swing = Wrench::new(
             Vec3([
@@ -599,6 +595,18 @@ impl<T: Scalar> Composite<T> {
         self.momentum += other.momentum;
         self.force += other.force;
     }
+}
+
+/// (p, q, ·) · v for a v without z.
+#[inline(always)]
+fn across<T: Scalar>(p: T, q: T, v: Vec3<T>) -> T {
+    p.fma(v.0[0], q * v.0[1])
+}
+
+/// m × v for a v without z.
+#[inline(always)]
+fn lever<T: Scalar>(m: [T; 3], v: Vec3<T>) -> Vec3<T> {
+    Vec3([-(m[2] * v.0[1]), m[2] * v.0[0], m[0].fma(v.0[1], -(m[1] * v.0[0]))])
 }
 
 #[inline(always)]

@@ -12,8 +12,9 @@
 
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
+use crate::kernel::kernel;
 use crate::layout::{GROUND, Layout};
-use phipsi_spatial::{Motion, Scalar, Transform, Vec3};
+use phipsi_spatial::{Mat3, Motion, Scalar, Transform, Vec3};
 
 /// a(k) of a body with pose `x` in its parent, whose angular velocity is `inboard` in the parent's axes and `own` in the
 /// child's; `joint` is H* v, and `own` = Rᵀ `inboard` + δω.
@@ -211,7 +212,6 @@ pub fn spatial_to_inertial<T: Scalar>(v: Motion<T>, a: Motion<T>) -> Motion<T> {
 ///
 /// # Errors
 /// [`DynamicsError::Shape`].
-#[inline(always)]
 pub fn body_pose<T: Scalar>(
     layout: &Layout<T::Constant>,
     q: &[T],
@@ -219,21 +219,37 @@ pub fn body_pose<T: Scalar>(
 ) -> Result<Transform<T>, DynamicsError> {
     check_length("q", q, layout.nq())?;
     let Some(body) = body else { return Ok(Transform::identity()) };
-    let carrier = &layout.carriers[body];
-    let (mut pose, mut k) = (Transform::constant(&carrier.pose), carrier.body);
-    while k != GROUND {
-        let b = &layout.bodies[k];
-        pose = b.pose(q).compose(&pose);
-        k = b.parent;
+    let pose = T::Arithmetic::dispatch(PosePath::<T> { layout, q: T::arithmetic(q), body });
+    let ([a, b, c], back) = (pose.rotation.0, plain::<T>);
+    Ok(Transform::new(Mat3([back(a), back(b), back(c)]), Vec3(back(pose.translation.0))))
+}
+
+#[inline(always)]
+fn plain<T: Scalar>([x, y, z]: [T::Arithmetic; 3]) -> [T; 3] {
+    [T::from_arithmetic(x), T::from_arithmetic(y), T::from_arithmetic(z)]
+}
+
+kernel! {
+    PosePath<'a, T> {
+        layout: &'a Layout<T::Constant>,
+        q: &'a [T::Arithmetic],
+        body: usize,
+    } -> Transform<T::Arithmetic> {
+        let carrier = &layout.carriers[body];
+        let (mut pose, mut k) = (Transform::constant(&carrier.pose), carrier.body);
+        while k != GROUND {
+            let b = &layout.bodies[k];
+            pose = b.pose(q).compose(&pose);
+            k = b.parent;
+        }
+        pose
     }
-    Ok(pose)
 }
 
 /// (ω, velocity of the origin) of one body of the model, world axes. `q`: nq, `v`: nv. Cost O(depth), no allocation.
 ///
 /// # Errors
 /// [`DynamicsError::Shape`].
-#[inline(always)]
 pub fn body_velocity<T: Scalar>(
     layout: &Layout<T::Constant>,
     q: &[T],
@@ -243,15 +259,28 @@ pub fn body_velocity<T: Scalar>(
     check_length("q", q, layout.nq())?;
     check_length("v", v, layout.nv())?;
     let Some(body) = body else { return Ok(Motion::zero()) };
-    let carrier = &layout.carriers[body];
-    // `pose`: the body in the frame of its ancestor k, so that no distance to the world's origin enters.
-    let (mut pose, mut k) = (Transform::constant(&carrier.pose), carrier.body);
-    let mut velocity = Motion::zero();
-    while k != GROUND {
-        let b = &layout.bodies[k];
-        velocity += pose.motion_to_child(b.hinge.expand(&v[b.v..]));
-        pose = b.pose(q).compose(&pose);
-        k = b.parent;
+    let (q, v) = (T::arithmetic(q), T::arithmetic(v));
+    let velocity = T::Arithmetic::dispatch(VelocityPath::<T> { layout, q, v, body });
+    Ok(Motion::new(Vec3(plain::<T>(velocity.angular.0)), Vec3(plain::<T>(velocity.linear.0))))
+}
+
+kernel! {
+    VelocityPath<'a, T> {
+        layout: &'a Layout<T::Constant>,
+        q: &'a [T::Arithmetic],
+        v: &'a [T::Arithmetic],
+        body: usize,
+    } -> Motion<T::Arithmetic> {
+        let carrier = &layout.carriers[body];
+        // `pose`: the body in the frame of its ancestor k, so that no distance to the world's origin enters.
+        let (mut pose, mut k) = (Transform::constant(&carrier.pose), carrier.body);
+        let mut velocity = Motion::zero();
+        while k != GROUND {
+            let b = &layout.bodies[k];
+            velocity += pose.motion_to_child(b.hinge.expand(&v[b.v..]));
+            pose = b.pose(q).compose(&pose);
+            k = b.parent;
+        }
+        Motion::new(pose.rotation * velocity.angular, pose.rotation * velocity.linear)
     }
-    Ok(Motion::new(pose.rotation * velocity.angular, pose.rotation * velocity.linear))
 }

@@ -15,6 +15,7 @@ use crate::kernel::kernel;
 use crate::link::{Link, Shift};
 use phipsi_model::joint::rotation_from_z;
 use phipsi_model::{JointKind, Model};
+use phipsi_spatial::six_lanes::{RigidEntries, rigid_entries};
 use phipsi_spatial::{Axis, Mat3, Motion, Real, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench};
 
 /// Marks the ground as a parent or carrier.
@@ -244,6 +245,8 @@ pub struct Layout<C = f64> {
     pub(crate) waiting: usize,
     /// Degrees of freedom of every body and all outboard of it.
     pub(crate) outboard_dofs: Vec<usize>,
+    /// Inertias of the bodies, for steps on packed six-vectors.
+    pub(crate) rigid: Vec<RigidEntries<C>>,
     pub(crate) gravity: Vec3<C>,
     nq: usize,
     nv: usize,
@@ -301,6 +304,7 @@ impl<C: Real> Layout<C> {
             .refused_closure()
             .map(|c| DynamicsError::Closure { joint: c.joint.clone(), source: c.source.clone() });
         let (bodies, waiting) = arrange(&bodies, &mut carriers);
+        let rigid = bodies.iter().map(|b| rigid_entries(&b.inertia)).collect();
         let mut outboard_dofs: Vec<usize> = bodies.iter().map(|b| b.hinge.nv()).collect();
         for (k, body) in bodies.iter().enumerate().rev() {
             if body.parent != GROUND {
@@ -312,6 +316,7 @@ impl<C: Real> Layout<C> {
             carriers,
             waiting,
             outboard_dofs,
+            rigid,
             gravity: Vec3::splat(model.gravity()),
             nq: model.nq(),
             nv: model.nv(),

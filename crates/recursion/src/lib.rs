@@ -46,6 +46,7 @@ mod link;
 pub mod mass_matrix;
 pub mod mass_matrix_inverse;
 pub mod momentum;
+mod packed;
 pub mod refined_forward_dynamics;
 pub mod square_root_forward_dynamics;
 

@@ -126,6 +126,16 @@ impl<C: Real> Link<C> {
         let all = columns.map(|c| self.first_up(c));
         Transform::new(Mat3::from_columns(all[0], all[1], all[2]), self.first_up(self.offset))
     }
+    /// X(α).
+    #[inline(always)]
+    pub(crate) fn twist<T: Scalar<Constant = C>>(&self) -> Turn<T> {
+        Turn::constant(&self.twist)
+    }
+    /// Z(θ₀) where it turns.
+    #[inline(always)]
+    pub(crate) fn first_turn<T: Scalar<Constant = C>>(&self) -> Option<Turn<T>> {
+        if self.has_first { Some(Turn::constant(&self.first)) } else { None }
+    }
     /// The link at q = 0: what a hinge about z keeps of it at all angles is the offset.
     pub(crate) fn at_rest<T: Scalar<Constant = C>>(&self) -> Shift<T> {
         self.hinged(Turn::constant(&self.last))

@@ -13,7 +13,7 @@ use crate::hinge::Hinge;
 use crate::layout::{GROUND, Layout, LayoutBody, Shifts};
 use core::ops::Range;
 use num_traits::Zero;
-use phipsi_spatial::lanes::{WIDEST, Wide, WideKernel};
+use phipsi_spatial::wide::{WIDEST, Wide, WideKernel};
 use phipsi_spatial::{RigidInertia, Scalar, Transform, Wrench};
 
 /// Composite inertias R of all bodies with their hinge transforms, tip to base.
@@ -105,7 +105,7 @@ impl<'a, T: Scalar> Composites<'a, T> {
     /// R of body `k`, after all bodies that are stored after it.
     #[inline(always)]
     pub(crate) fn next(&mut self, k: usize, body: &LayoutBody<T::Constant>) -> RigidInertia<T> {
-        let R = match self.pending.gather(body, &self.hand, |a, b| a + b) {
+        let R = match self.pending.all(body, &mut self.hand, |a, b| *a = *a + *b) {
             Some(R) => R,
             None => RigidInertia::constant(&body.inertia),
         };
@@ -172,7 +172,7 @@ fn step<T: Scalar, W: Wide<T>, const C: usize>(
     let in_order = matrix.places.in_order(k);
     let mut at = range.end;
     while at > range.start {
-        at -= W::WIDTH;
+        at -= W::COUNT;
         let mut f = columns.load::<W>(at);
         if at <= range.start {
             let (lane, x) = (range.start - at, f.to_array());
@@ -214,7 +214,7 @@ fn general_step<T: Scalar, W: Wide<T>>(
         let start = range.start + i;
         let mut at = range.end;
         while at > start {
-            at -= W::WIDTH;
+            at -= W::COUNT;
             let mut along: W = columns.component(c, at);
             if let Hinge::Helical { pitch } = body.hinge {
                 along = W::constant(pitch).fma(columns.component(5, at), along);
@@ -226,7 +226,7 @@ fn general_step<T: Scalar, W: Wide<T>>(
     if body.parent != GROUND {
         let mut at = range.end;
         while at > range.start {
-            at -= W::WIDTH;
+            at -= W::COUNT;
             let f = columns.load(at);
             columns.store(at, passage.wrench_to_parent(f));
         }
@@ -284,26 +284,26 @@ impl<T: Scalar> Matrix<'_, T> {
 /// Zeros, by stores alone: a call would drive what a sweep carries out of the registers.
 #[inline(always)]
 fn clear<T: Scalar, W: Wide<T>>(x: &mut [T]) {
-    for group in x.chunks_mut(W::WIDTH) {
-        W::zero().store_some(group);
+    for group in x.chunks_mut(W::COUNT) {
+        W::zero().store_first(group);
     }
 }
 
 /// Copies the upper triangle to the lower one, in tiles.
 #[inline(always)]
 pub(crate) fn mirror<T: Scalar, W: Wide<T>>(out: &mut [T], nv: usize) {
-    let width = W::WIDTH;
+    let width = W::COUNT;
     for top in (0..nv).step_by(width) {
         let below = width.min(nv - top);
         for left in (0..=top).step_by(width) {
             let mut tile = [W::zero(); WIDEST];
             for i in 0..width.min(nv - left) {
-                tile[i] = W::load_some(&out[(left + i) * nv + top..][..below]);
+                tile[i] = W::load_first(&out[(left + i) * nv + top..][..below]);
             }
             W::transpose(&mut tile);
             for i in 0..below {
                 let count = if left == top { i } else { width };
-                tile[i].store_some(&mut out[(top + i) * nv + left..][..count]);
+                tile[i].store_first(&mut out[(top + i) * nv + left..][..count]);
             }
         }
     }

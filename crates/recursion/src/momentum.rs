@@ -78,9 +78,8 @@ kernel! {
         about: About<T>,
     } -> Wrench<T::Arithmetic> {
         let Momentum { shifts, velocity, h, center } = work;
-        shifts.begin(q);
+        shifts.set_all(layout, q);
         for (k, body) in layout.bodies.iter().enumerate() {
-            shifts.set(k, body, q);
             let joint = body.hinge.expand(&v[body.v..]);
             velocity[k] = match body.parent {
                 GROUND => joint,

@@ -17,6 +17,7 @@
 #![allow(unsafe_code)]
 
 use crate::sin_cos::{Quadrants, sin_cos};
+use crate::wide::{Wide, WideKernel, With};
 use crate::{Kernel, Scalar};
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use num_traits::{One, Zero};
@@ -96,95 +97,6 @@ pub trait Lanes: Scalar<Constant = f64, Arithmetic = Self> {
         for (group, to) in Self::numbers(x).chunks_exact(Self::LANES).zip(row) {
             *to = group[lane];
         }
-    }
-}
-
-/// Lanes over neighbouring numbers of one state: what a kernel does to a row of numbers of type `T`, several at once.
-pub trait Wide<T: Scalar>: Scalar<Constant = T::Constant> {
-    /// Numbers side by side, a divisor of [`WIDEST`].
-    const WIDTH: usize;
-    /// The first numbers of a slice that has as many.
-    fn load(x: &[T]) -> Self;
-    /// Writes them there.
-    fn store(self, x: &mut [T]);
-    /// As many of the first numbers of a slice as it has; zero in the other lanes.
-    fn load_some(x: &[T]) -> Self;
-    /// Writes as many lanes as the slice has numbers.
-    fn store_some(self, x: &mut [T]);
-    /// Writes the lanes from `first` on to the first numbers of a slice.
-    fn store_from(self, first: usize, x: &mut [T]);
-    /// The same number in every lane.
-    fn broadcast(x: T) -> Self;
-    /// With another number in one lane.
-    fn with(self, lane: usize, x: T) -> Self;
-    /// Lane j of number i becomes lane i of number j, of the first [`Wide::WIDTH`] numbers.
-    fn transpose(tile: &mut [Self; WIDEST]);
-}
-
-/// The largest [`Wide::WIDTH`].
-pub const WIDEST: usize = 8;
-
-impl<T: Scalar> Wide<T> for T {
-    const WIDTH: usize = 1;
-    #[inline(always)]
-    fn load(x: &[T]) -> T {
-        x[0]
-    }
-    #[inline(always)]
-    fn store(self, x: &mut [T]) {
-        x[0] = self;
-    }
-    #[inline(always)]
-    fn load_some(x: &[T]) -> T {
-        x.first().map_or(T::zero(), |x| *x)
-    }
-    #[inline(always)]
-    fn store_some(self, x: &mut [T]) {
-        if let Some(x) = x.first_mut() {
-            *x = self;
-        }
-    }
-    #[inline(always)]
-    fn store_from(self, first: usize, x: &mut [T]) {
-        if first == 0 {
-            x[0] = self;
-        }
-    }
-    #[inline(always)]
-    fn broadcast(x: T) -> T {
-        x
-    }
-    #[inline(always)]
-    fn with(self, _: usize, x: T) -> T {
-        x
-    }
-    #[inline(always)]
-    fn transpose(_: &mut [T; WIDEST]) {}
-}
-
-/// A [`Kernel`] that works on rows of numbers: see [`Scalar::dispatch_wide`].
-pub trait WideKernel<T: Scalar> {
-    /// What it returns.
-    type Output;
-    /// The calculation.
-    fn run<W: Wide<T>>(self) -> Self::Output;
-}
-
-/// A wide kernel at one width.
-pub(crate) struct AtWidth<K, T, W>(K, core::marker::PhantomData<(T, W)>);
-
-impl<K, T, W> AtWidth<K, T, W> {
-    #[inline(always)]
-    pub(crate) fn new(kernel: K) -> Self {
-        AtWidth(kernel, core::marker::PhantomData)
-    }
-}
-
-impl<T: Scalar, W: Wide<T>, K: WideKernel<T>> Kernel for AtWidth<K, T, W> {
-    type Output = K::Output;
-    #[inline(always)]
-    fn run(self) -> K::Output {
-        self.0.run::<W>()
     }
 }
 
@@ -315,6 +227,9 @@ assigning_operators!(Fused);
 impl Scalar for Fused {
     type Constant = f64;
     const LANES: usize = 1;
+    #[cfg(target_arch = "x86_64")]
+    crate::arithmetic_is_self!(x86::F64x8);
+    #[cfg(not(target_arch = "x86_64"))]
     crate::arithmetic_is_self!();
     #[inline(always)]
     fn splat(x: f64) -> Self {
@@ -367,12 +282,11 @@ impl Scalar for Fused {
     #[inline(always)]
     fn dispatch_wide<K: WideKernel<Self>>(kernel: K) -> K::Output {
         match Level::best() {
-            // SAFETY: the processor has the level.
             #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => unsafe { x86::with_avx512(AtWidth::<K, Self, x86::F64x8>::new(kernel)) },
+            Level::Avx512 => x86::F64x8::dispatch(With::<Self, x86::F64x8, K>::new(kernel)),
             #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => unsafe { x86::with_fma(AtWidth::<K, Self, x86::F64x4>::new(kernel)) },
-            _ => Self::dispatch(AtWidth::<K, Self, Self>::new(kernel)),
+            Level::Avx2 => x86::F64x4::dispatch(With::<Self, x86::F64x4, K>::new(kernel)),
+            _ => Self::dispatch(With::<Self, Self, K>::new(kernel)),
         }
     }
 }
@@ -389,11 +303,11 @@ impl WideKernel<Fused> for SinCosAll<'_> {
     #[inline(always)]
     fn run<W: Wide<Fused>>(self) {
         let SinCosAll { x, sin, cos } = self;
-        let groups = x.chunks(W::WIDTH).zip(sin.chunks_mut(W::WIDTH)).zip(cos.chunks_mut(W::WIDTH));
+        let groups = x.chunks(W::COUNT).zip(sin.chunks_mut(W::COUNT)).zip(cos.chunks_mut(W::COUNT));
         for ((x, sin), cos) in groups {
-            let (s, c) = W::load_some(x).sin_cos();
-            s.store_some(sin);
-            c.store_some(cos);
+            let (s, c) = W::load_first(x).sin_cos();
+            s.store_first(sin);
+            c.store_first(cos);
         }
     }
 }

@@ -17,15 +17,18 @@ pub mod quaternion;
 pub mod scalar;
 mod sin_cos;
 pub mod six;
+pub mod six_lanes;
 pub mod transform;
 pub mod turn;
 pub mod vector;
+pub mod wide;
 
 pub use double_double::Dd;
 pub use inertia::{ArticulatedInertia, RigidInertia};
 pub use quaternion::Quaternion;
 pub use scalar::{Kernel, Real, Scalar};
 pub use six::{Motion, Wrench};
+pub use six_lanes::SixLanes;
 pub use transform::Transform;
 pub use turn::{Axis, Turn};
 pub use vector::{Mat3, Sym3, Vec3};

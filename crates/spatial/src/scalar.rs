@@ -4,7 +4,9 @@
 //! model broadcast from [`Scalar::Constant`]. Lanes of a SIMD register and dual numbers can be scalars; they have
 //! no order. [`Real`] adds what code with branches needs: comparison and inverse trigonometry.
 
-use crate::lanes::{AtWidth, Fused, WideKernel, fused, fused_mut};
+use crate::lanes::{Fused, fused, fused_mut};
+use crate::six_lanes::SixLanes;
+use crate::wide::{WideKernel, With};
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use num_traits::{One, Zero};
@@ -34,6 +36,8 @@ pub trait Scalar:
     /// What kernels on this scalar compute with: for f64 the same numbers with fused multiplications
     /// ([`crate::lanes::Fused`]), for all others the type itself ([`crate::arithmetic_is_self`]).
     type Arithmetic: Scalar<Constant = Self::Constant, Arithmetic = Self::Arithmetic>;
+    /// Six-vectors of this scalar in lanes of their own.
+    type Six: SixLanes<Self>;
     /// States carried at once: 1 for plain numbers.
     const LANES: usize;
     /// The number, to compute with.
@@ -49,10 +53,10 @@ pub trait Scalar:
     fn dispatch<K: Kernel>(kernel: K) -> K::Output {
         kernel.run()
     }
-    /// [`Scalar::dispatch`] of a kernel that works on rows of numbers, with the widest lanes that this scalar has for them.
+    /// Runs a kernel with the widest register for numbers of this type that lie side by side.
     #[inline(always)]
     fn dispatch_wide<K: WideKernel<Self>>(kernel: K) -> K::Output {
-        Self::dispatch(AtWidth::<K, Self, Self>::new(kernel))
+        Self::dispatch(With::<Self, Self, K>::new(kernel))
     }
     /// The same f64 in every lane, exactly.
     fn splat(x: f64) -> Self;
@@ -94,7 +98,11 @@ pub trait Kernel {
 #[macro_export]
 macro_rules! arithmetic_is_self {
     () => {
+        $crate::arithmetic_is_self!($crate::six_lanes::Eight<Self>);
+    };
+    ($six:ty) => {
         type Arithmetic = Self;
+        type Six = $six;
         #[inline(always)]
         fn to_arithmetic(self) -> Self {
             self
@@ -190,6 +198,7 @@ float_scalar! { f32, crate::arithmetic_is_self!(); }
 float_scalar! {
     f64,
     type Arithmetic = Fused;
+    type Six = crate::six_lanes::Eight<f64>;
     #[inline(always)]
     fn to_arithmetic(self) -> Fused {
         Fused(self)

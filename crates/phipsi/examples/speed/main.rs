@@ -7,12 +7,12 @@ mod protocol;
 
 use phipsi::model::{Base, Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random};
 use phipsi::prelude::{Mimic, UrdfOptions, read_urdf_file};
-use phipsi::recursion::batch::{Input, StateKernel, run_batch};
+use phipsi::recursion::batch::{Input, StateKernel, kernels, run_batch};
 use phipsi::recursion::{
-    CentroidalMomentumMatrix, DynamicsError, ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics,
+    CentroidalMomentumMatrix, ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics,
     InverseDynamicsDerivatives, Jacobian, Layout, MassMatrix, MassMatrixInverse,
 };
-use phipsi::spatial::lanes::{Lanes, Level};
+use phipsi::spatial::lanes::Level;
 use protocol::{Call, Failure, Operation, Program, States, serve};
 
 struct Open {
@@ -123,49 +123,12 @@ impl Program for Open {
                 let mut workspace = CentroidalMomentumMatrix::new(layout);
                 one(6 * nv, Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), out)?)))
             }
-            "forward_dynamics_batch" => self.batch(Accelerations(layout), nv, s),
-            "derivatives_batch" => self.batch(Derivatives(layout), 3 * nv * nv, s),
+            "forward_dynamics_batch" => self.batch(kernels::ForwardDynamics { layout, loaded: &[] }, nv, s),
+            "derivatives_batch" => {
+                self.batch(kernels::ForwardDynamicsDerivatives { layout, loaded: &[] }, 3 * nv * nv, s)
+            }
             _ => return Ok(None),
         }))
-    }
-}
-
-/// Forward dynamics of each state of a batch.
-struct Accelerations<'a>(&'a Layout<f64>);
-
-impl StateKernel for Accelerations<'_> {
-    type Workspace<T: Lanes> = ForwardDynamics<T>;
-    fn workspace<T: Lanes>(&self) -> ForwardDynamics<T> {
-        ForwardDynamics::new(self.0)
-    }
-    #[inline(always)]
-    fn run<T: Lanes>(
-        &self,
-        workspace: &mut ForwardDynamics<T>,
-        inputs: &[Vec<T>],
-        out: &mut [T],
-    ) -> Result<(), DynamicsError> {
-        workspace.run(self.0, &inputs[0], &inputs[1], &inputs[2], None, out)
-    }
-}
-
-/// Derivatives of forward dynamics of each state of a batch.
-struct Derivatives<'a>(&'a Layout<f64>);
-
-impl StateKernel for Derivatives<'_> {
-    type Workspace<T: Lanes> = ForwardDynamicsDerivatives<T>;
-    fn workspace<T: Lanes>(&self) -> ForwardDynamicsDerivatives<T> {
-        ForwardDynamicsDerivatives::new(self.0)
-    }
-    #[inline(always)]
-    fn run<T: Lanes>(
-        &self,
-        workspace: &mut ForwardDynamicsDerivatives<T>,
-        inputs: &[Vec<T>],
-        out: &mut [T],
-    ) -> Result<(), DynamicsError> {
-        let [d_dq, d_dv, d_dtau] = thirds(out);
-        workspace.run(self.0, &inputs[0], &inputs[1], &inputs[2], None, d_dq, d_dv, d_dtau)
     }
 }
 

@@ -1,6 +1,8 @@
 //! Lanes in the registers of x86-64.
 
 use super::*;
+use crate::six_lanes::{RIGID_COLUMNS, RigidEntries, SixLanes};
+use crate::wide::WIDEST;
 use core::arch::x86_64::*;
 
 /// Runs a kernel compiled for AVX2 and FMA.
@@ -36,8 +38,8 @@ macro_rules! lanes {
         $t:ident, $n:literal, $with:ident, $set:ident, $load:ident, $store:ident,
         $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident, $sqrt:ident,
         negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident,
-        insert: $insert:ident, store_from: $store_from:ident, load_some: $load_some:ident,
-        store_some: $store_some:ident, transpose: $transpose:ident
+        insert: $insert:ident, store_from: $store_from:ident, load_first: $load_first:ident,
+        store_first: $store_first:ident, transpose: $transpose:ident
     ) => {
         // SAFETY of this macro: a value of the type exists only after the processor was asked (see the module above).
         impl Add for $t {
@@ -145,7 +147,7 @@ macro_rules! lanes {
             numbers_in_memory!();
         }
         impl Wide<Fused> for $t {
-            const WIDTH: usize = $n;
+            const COUNT: usize = $n;
             #[inline(always)]
             fn load(x: &[Fused]) -> Self {
                 let x = &x[..$n];
@@ -157,12 +159,12 @@ macro_rules! lanes {
                 unsafe { $store(x.as_mut_ptr().cast(), self.0) }
             }
             #[inline(always)]
-            fn load_some(x: &[Fused]) -> Self {
-                unsafe { $t($load_some(x)) }
+            fn load_first(x: &[Fused]) -> Self {
+                unsafe { $t($load_first(x)) }
             }
             #[inline(always)]
-            fn store_some(self, x: &mut [Fused]) {
-                unsafe { $store_some(x, self.0) }
+            fn store_first(self, x: &mut [Fused]) {
+                unsafe { $store_first(x, self.0) }
             }
             #[inline(always)]
             fn transpose(tile: &mut [Self; WIDEST]) {
@@ -214,7 +216,7 @@ lanes!(
     F64x4, 4, with_fma, _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd,
     _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd, _mm256_fmadd_pd, _mm256_sqrt_pd,
     negate: negate4, all: all_between4, size: size4, turn: turn4,
-    insert: insert4, store_from: store_from4, load_some: load_some4, store_some: store_some4,
+    insert: insert4, store_from: store_from4, load_first: load_first4, store_first: store_first4,
     transpose: transpose4
 );
 
@@ -222,7 +224,7 @@ lanes!(
     F64x8, 8, with_avx512, _mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd,
     _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd, _mm512_div_pd, _mm512_fmadd_pd, _mm512_sqrt_pd,
     negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8,
-    insert: insert8, store_from: store_from8, load_some: load_some8, store_some: store_some8,
+    insert: insert8, store_from: store_from8, load_first: load_first8, store_first: store_first8,
     transpose: transpose8
 );
 
@@ -327,12 +329,12 @@ unsafe fn some4(count: usize) -> __m256i {
 }
 
 #[inline(always)]
-unsafe fn load_some4(x: &[Fused]) -> __m256d {
+unsafe fn load_first4(x: &[Fused]) -> __m256d {
     unsafe { _mm256_maskload_pd(x.as_ptr().cast(), some4(x.len())) }
 }
 
 #[inline(always)]
-unsafe fn store_some4(to: &mut [Fused], x: __m256d) {
+unsafe fn store_first4(to: &mut [Fused], x: __m256d) {
     unsafe { _mm256_maskstore_pd(to.as_mut_ptr().cast(), some4(to.len()), x) }
 }
 
@@ -343,12 +345,12 @@ fn some8(count: usize) -> u8 {
 }
 
 #[inline(always)]
-unsafe fn load_some8(x: &[Fused]) -> __m512d {
+unsafe fn load_first8(x: &[Fused]) -> __m512d {
     unsafe { _mm512_maskz_loadu_pd(some8(x.len()), x.as_ptr().cast()) }
 }
 
 #[inline(always)]
-unsafe fn store_some8(to: &mut [Fused], x: __m512d) {
+unsafe fn store_first8(to: &mut [Fused], x: __m512d) {
     unsafe { _mm512_mask_storeu_pd(to.as_mut_ptr().cast(), some8(to.len()), x) }
 }
 
@@ -398,5 +400,161 @@ unsafe fn pairs8([a, b, c, d]: [__m512d; 4]) -> [__m512d; 4] {
             _mm512_shuffle_f64x2::<0xdd>(ab_even, cd_even),
             _mm512_shuffle_f64x2::<0xdd>(ab_odd, cd_odd),
         ]
+    }
+}
+
+/// The lanes of one six-vector of plain numbers.
+impl SixLanes<Fused> for F64x8 {
+    #[inline(always)]
+    fn is_fast() -> bool {
+        Level::best() == Level::Avx512
+    }
+    #[inline(always)]
+    fn of(x: [Fused; 8]) -> Self {
+        // SAFETY of this block: as in the macro above.
+        unsafe { F64x8(_mm512_loadu_pd(x.as_ptr().cast())) }
+    }
+    #[inline(always)]
+    fn to_array(self) -> [Fused; 8] {
+        let mut out = [Fused(0.0); 8];
+        unsafe { _mm512_storeu_pd(out.as_mut_ptr().cast(), self.0) };
+        out
+    }
+    #[inline(always)]
+    fn fill(x: Fused) -> Self {
+        unsafe { F64x8(_mm512_set1_pd(x.0)) }
+    }
+    #[inline(always)]
+    fn times_plus(self, a: Self, b: Self) -> Self {
+        unsafe { F64x8(_mm512_fmadd_pd(self.0, a.0, b.0)) }
+    }
+    #[inline(always)]
+    fn subtract_from(self, a: Self, b: Self) -> Self {
+        unsafe { F64x8(_mm512_fnmadd_pd(self.0, a.0, b.0)) }
+    }
+    #[inline(always)]
+    fn halves(x: Fused, y: Fused, z: Fused) -> Self {
+        unsafe { F64x8(in_lanes(x, y, z, &HALVES)) }
+    }
+    #[inline(always)]
+    fn first_half(x: Fused, y: Fused, z: Fused) -> Self {
+        unsafe { F64x8(in_lanes(x, y, z, &FIRST_HALF)) }
+    }
+    #[inline(always)]
+    fn about_z(cos: Fused, sin: Fused) -> (Self, Self) {
+        unsafe {
+            let (s, c, rest) = (TURNS[0].as_ptr(), TURNS[2].as_ptr(), TURNS[3].as_ptr());
+            let cosine = _mm512_fmadd_pd(_mm512_set1_pd(cos.0), _mm512_loadu_pd(c), _mm512_loadu_pd(rest));
+            (F64x8(cosine), F64x8(_mm512_mul_pd(_mm512_set1_pd(sin.0), _mm512_loadu_pd(s))))
+        }
+    }
+    #[inline(always)]
+    fn about_x(cos: Fused, sin: Fused) -> (Self, Self) {
+        unsafe {
+            let (s, c, rest) = (TURNS[1].as_ptr(), TURNS[4].as_ptr(), TURNS[5].as_ptr());
+            let cosine = _mm512_fmadd_pd(_mm512_set1_pd(cos.0), _mm512_loadu_pd(c), _mm512_loadu_pd(rest));
+            (F64x8(cosine), F64x8(_mm512_mul_pd(_mm512_set1_pd(sin.0), _mm512_loadu_pd(s))))
+        }
+    }
+    #[inline(always)]
+    fn swap_xy(self) -> Self {
+        unsafe { F64x8(_mm512_permutex_pd::<0b11_10_00_01>(self.0)) }
+    }
+    #[inline(always)]
+    fn swap_yz(self) -> Self {
+        unsafe { F64x8(_mm512_permutex_pd::<0b11_01_10_00>(self.0)) }
+    }
+    #[inline(always)]
+    fn yzx(self) -> Self {
+        unsafe { F64x8(_mm512_permutex_pd::<0b11_00_10_01>(self.0)) }
+    }
+    #[inline(always)]
+    fn zxy(self) -> Self {
+        unsafe { F64x8(_mm512_permutex_pd::<0b11_01_00_10>(self.0)) }
+    }
+    #[inline(always)]
+    fn second_zxy(self) -> Self {
+        unsafe { F64x8(_mm512_permutexvar_pd(lanes_of([6, 4, 5, 7, 6, 4, 5, 7]), self.0)) }
+    }
+    #[inline(always)]
+    fn second_yzx(self) -> Self {
+        unsafe { F64x8(_mm512_permutexvar_pd(lanes_of([5, 6, 4, 7, 5, 6, 4, 7]), self.0)) }
+    }
+    #[inline(always)]
+    fn broadcast<const I: usize>(self) -> Self {
+        unsafe { F64x8(_mm512_permutexvar_pd(_mm512_set1_epi64(I as i64), self.0)) }
+    }
+    #[inline(always)]
+    fn lane_0(self) -> Fused {
+        unsafe { Fused(_mm512_cvtsd_f64(self.0)) }
+    }
+    #[inline(always)]
+    fn with_lane_2(self, x: Self) -> Self {
+        unsafe { F64x8(_mm512_mask_mov_pd(self.0, 0x04, x.0)) }
+    }
+    #[inline(always)]
+    fn rigid(m: &RigidEntries<f64>) -> [Self; 6] {
+        let [a, b, c, d, e, f] = RIGID_COLUMNS;
+        unsafe {
+            let (low, high) = (_mm512_loadu_pd(m.as_ptr()), _mm512_loadu_pd(m.as_ptr().add(8)));
+            [
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(a), high)),
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(b), high)),
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(c), high)),
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(d), high)),
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(e), high)),
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(f), high)),
+            ]
+        }
+    }
+}
+
+/// x a + y b + z c for unit patterns: products with constants in memory, where masks would have to be made each time.
+#[inline(always)]
+unsafe fn in_lanes(x: Fused, y: Fused, z: Fused, patterns: &[[f64; 8]; 3]) -> __m512d {
+    unsafe {
+        let all = _mm512_mul_pd(_mm512_set1_pd(x.0), _mm512_loadu_pd(patterns[0].as_ptr()));
+        let all = _mm512_fmadd_pd(_mm512_set1_pd(y.0), _mm512_loadu_pd(patterns[1].as_ptr()), all);
+        _mm512_fmadd_pd(_mm512_set1_pd(z.0), _mm512_loadu_pd(patterns[2].as_ptr()), all)
+    }
+}
+
+/// x, y and z of both halves.
+const HALVES: [[f64; 8]; 3] = [
+    [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+    [0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
+    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+];
+
+/// x, y and z of the first half.
+const FIRST_HALF: [[f64; 8]; 3] = [
+    [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+];
+
+/// s (−e₀ + e₁) and s (−e₁ + e₂) of both halves; c (e₀ + e₁) + e₂ and e₀ + c (e₁ + e₂).
+const TURNS: [[f64; 8]; 6] = [
+    [-1.0, 1.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0],
+    [0.0, -1.0, 1.0, 0.0, 0.0, -1.0, 1.0, 0.0],
+    [1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0],
+    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+    [0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0],
+    [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+];
+
+#[inline(always)]
+unsafe fn lanes_of(i: [usize; 8]) -> __m512i {
+    unsafe {
+        _mm512_set_epi64(
+            i[7] as i64,
+            i[6] as i64,
+            i[5] as i64,
+            i[4] as i64,
+            i[3] as i64,
+            i[2] as i64,
+            i[1] as i64,
+            i[0] as i64,
+        )
     }
 }
