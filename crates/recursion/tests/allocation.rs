@@ -3,8 +3,9 @@
 use allocation_counter::measure;
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{
-    ArticulatedSweep, Form, FormForwardDynamics, ForwardDynamics, ForwardDynamicsDerivatives,
-    InverseDynamics, InverseDynamicsDerivatives, Kinematics, Layout, MassMatrix, body_pose, body_velocity,
+    ArticulatedSweep, CentroidalMomentumMatrix, Form, FormForwardDynamics, ForwardDynamics,
+    ForwardDynamicsDerivatives, InverseDynamics, InverseDynamicsDerivatives, Jacobian, Kinematics, Layout,
+    MassMatrix, MassMatrixInverse, body_pose, body_velocity,
 };
 use phipsi_reference::generate::case;
 
@@ -57,6 +58,14 @@ fn kernels_do_not_allocate() {
             forward_derivatives.run(&layout, q, v, &case.tau, wrenches, out.0, out.1, out.2).unwrap();
         });
         assert_none("mass matrix", seed, || mass_matrix.run(&layout, q, &mut matrix).unwrap());
+        let mut inverse_matrix = MassMatrixInverse::new(&layout);
+        assert_none("mass matrix inverse", seed, || inverse_matrix.run(&layout, q, &mut matrix).unwrap());
+        let mut rows = vec![0.0; 6 * out.len()];
+        let (mut jacobian, mut centroidal) = (Jacobian::new(&layout), CentroidalMomentumMatrix::new(&layout));
+        assert_none("Jacobian", seed, || {
+            jacobian.run(&layout, q, Some(case.body), None, &mut rows).unwrap();
+        });
+        assert_none("centroidal matrix", seed, || centroidal.run(&layout, q, &mut rows).unwrap());
         assert_none("factors", seed, || sweep.update(&layout, q).unwrap());
         assert_none("solve", seed, || sweep.solve_in_place(&layout, &mut out, &mut workspace));
         assert_none("square roots", seed, || {

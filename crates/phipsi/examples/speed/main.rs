@@ -115,10 +115,13 @@ impl Program for Open {
                     }),
                 )
             }
-            "jacobian" => one(
-                6 * nv,
-                Box::new(move |i, out| Ok(jacobian_into(layout, s.q(i), self.target, None, out)?)),
-            ),
+            "jacobian" => {
+                let mut workspace = Jacobian::new(layout);
+                one(
+                    6 * nv,
+                    Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), self.target, None, out)?)),
+                )
+            }
             "centroidal" => {
                 let mut workspace = CentroidalMomentumMatrix::new(layout);
                 one(6 * nv, Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), out)?)))
