@@ -10,7 +10,7 @@
 //! a stack of at most log₂ n entries.
 
 use crate::error::DynamicsError;
-use crate::hinge::Hinge;
+use crate::hinge::{Hinge, combine};
 use crate::kernel::kernel;
 use crate::link::{Link, Shift};
 use phipsi_model::joint::rotation_from_z;
@@ -48,6 +48,16 @@ impl<C: Real> LayoutBody<C> {
     pub fn pose<T: Scalar<Constant = C>>(&self, q: &[T]) -> Transform<T> {
         let (shift, general) = self.link.at(&self.hinge, &q[self.q..]);
         general.unwrap_or_else(|| self.link.pose(&shift))
+    }
+    /// The parent's axes, in any frame, turned into the body's; and the body's origin from the parent's, there.
+    #[inline(always)]
+    pub(crate) fn axes_to_child<T: Scalar<Constant = C>>(
+        &self,
+        q: &[T],
+        axes: [Vec3<T>; 3],
+    ) -> ([Vec3<T>; 3], Vec3<T>) {
+        let (shift, general) = self.link.at(&self.hinge, &q[self.q..]);
+        Passage { body: self, shift: &shift, general: general.as_ref() }.axes_to_child(axes)
     }
     /// Pose of the joint frame in the parent's frame: the body's pose at q = 0.
     pub fn placement(&self) -> Transform<C> {
@@ -140,7 +150,7 @@ impl<T: Scalar> Shifts<T> {
 pub(crate) struct Passage<'a, T: Scalar> {
     body: &'a LayoutBody<T::Constant>,
     pub(crate) shift: &'a Shift<T>,
-    general: Option<&'a Transform<T>>,
+    pub(crate) general: Option<&'a Transform<T>>,
 }
 
 impl<T: Scalar> Passage<'_, T> {
@@ -189,6 +199,21 @@ impl<T: Scalar> Passage<'_, T> {
             Some(x) => x.articulated_to_parent(P),
             None => self.body.link.articulated_to_parent(self.shift, P),
         }
+    }
+    /// φ M φ* + `own`.
+    #[inline(always)]
+    pub(crate) fn rigid_onto_parent(&self, M: &RigidInertia<T>, own: &RigidInertia<T>) -> RigidInertia<T> {
+        match self.general {
+            Some(x) => x.rigid_to_parent(M) + *own,
+            None => self.body.link.rigid_onto_parent(self.shift, M, own),
+        }
+    }
+    /// The parent's axes, in any frame, turned into the body's; and the body's origin from the parent's, there.
+    #[inline(always)]
+    pub(crate) fn axes_to_child(&self, axes: [Vec3<T>; 3]) -> ([Vec3<T>; 3], Vec3<T>) {
+        let Some(x) = self.general else { return self.body.link.axes_to_child(self.shift, axes) };
+        let [a, b, c] = [0, 1, 2].map(|i| x.rotation.column(i));
+        ([combine(&axes, a), combine(&axes, b), combine(&axes, c)], combine(&axes, x.translation))
     }
     /// φ M φ*.
     #[inline(always)]

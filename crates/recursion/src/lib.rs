@@ -62,7 +62,7 @@ pub use inverse_dynamics::{
     InverseDynamics, bias_forces, gravity_forces, inverse_dynamics, multiply_by_mass_matrix,
 };
 pub use inverse_dynamics_derivatives::{InverseDynamicsDerivatives, inverse_dynamics_derivatives};
-pub use jacobian::{jacobian, jacobian_into};
+pub use jacobian::{Jacobian, jacobian};
 pub use joint_reactions::{JointReactions, joint_reactions};
 pub use kinematics::{Kinematics, body_pose, body_velocity};
 pub use layout::Layout;

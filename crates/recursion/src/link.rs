@@ -353,6 +353,55 @@ impl<C: Real> Link<C> {
     fn first_articulated<T: Scalar<Constant = C>>(&self, P: ArticulatedInertia<T>) -> ArticulatedInertia<T> {
         if self.has_first { Turn::constant(&self.first).articulated_up(Axis::Z, &P) } else { P }
     }
+    /// φ(p, k) M φ*(p, k) + `own`.
+    #[inline(always)]
+    pub(crate) fn rigid_onto_parent<T: Scalar<Constant = C>>(
+        &self,
+        shift: &Shift<T>,
+        M: &RigidInertia<T>,
+        own: &RigidInertia<T>,
+    ) -> RigidInertia<T> {
+        if self.has_first {
+            return self.rigid_to_parent(shift, M) + *own;
+        }
+        self.twisted_rigid(shift, M).shifted_onto(shift.offset, own)
+    }
+    /// Three axes of the parent, in any frame, turned into the body's; and the body's origin from the parent's, there.
+    #[inline(always)]
+    pub(crate) fn axes_to_child<T: Scalar<Constant = C>>(
+        &self,
+        shift: &Shift<T>,
+        axes: [Vec3<T>; 3],
+    ) -> ([Vec3<T>; 3], Vec3<T>) {
+        let [mut x, mut y, mut z] = axes;
+        if self.has_first {
+            (x, y) = turned(Turn::constant(&self.first), x, y);
+        }
+        let [a, b, c] = shift.offset.0;
+        let origin = x.scale_add(a, y.scale_add(b, z.scale(c)));
+        match self.shape {
+            Twist::Straight => {}
+            Twist::Quarter => (y, z) = (z, -y),
+            Twist::BackQuarter => (y, z) = (-z, y),
+            Twist::Oblique => (y, z) = turned(Turn::constant(&self.twist), y, z),
+        }
+        (x, y) = turned(shift.turn, x, y);
+        ([x, y, z], origin)
+    }
+    /// M in axes after Z(θ₀), about the body's origin.
+    #[inline(always)]
+    fn twisted_rigid<T: Scalar<Constant = C>>(
+        &self,
+        shift: &Shift<T>,
+        M: &RigidInertia<T>,
+    ) -> RigidInertia<T> {
+        let turned = shift.turn.rigid_up(Axis::Z, M);
+        RigidInertia {
+            mass: turned.mass,
+            first_moment: self.twist_up(turned.first_moment),
+            inertia: self.twist_symmetric(&turned.inertia),
+        }
+    }
     /// φ(p, k) M φ*(p, k).
     #[inline(always)]
     pub(crate) fn rigid_to_parent<T: Scalar<Constant = C>>(
@@ -360,15 +409,15 @@ impl<C: Real> Link<C> {
         shift: &Shift<T>,
         M: &RigidInertia<T>,
     ) -> RigidInertia<T> {
-        let turned = shift.turn.rigid_up(Axis::Z, M);
-        let twisted = RigidInertia {
-            mass: turned.mass,
-            first_moment: self.twist_up(turned.first_moment),
-            inertia: self.twist_symmetric(&turned.inertia),
-        };
-        let shifted = twisted.shifted(shift.offset);
+        let shifted = self.twisted_rigid(shift, M).shifted(shift.offset);
         if self.has_first { Turn::constant(&self.first).rigid_up(Axis::Z, &shifted) } else { shifted }
     }
+}
+
+/// Two axes turned in their plane.
+#[inline(always)]
+fn turned<T: Scalar>(turn: Turn<T>, a: Vec3<T>, b: Vec3<T>) -> (Vec3<T>, Vec3<T>) {
+    (a.scale_add(turn.cos, b.scale(turn.sin)), b.scale_add(turn.cos, a.scale(-turn.sin)))
 }
 
 /// (c, s) of length one.

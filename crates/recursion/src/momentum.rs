@@ -5,10 +5,13 @@
 //! | h(k) | M(k) V(k) + Σ φ(k,c) h(c), momentum of everything outboard of joint k | notes/integrators.md 1 |
 //! | R(k) | M(k) + Σ φ(k,c) R(c) φ*(k,c), inertia of everything outboard of joint k, joints locked | paper 2 (4.12) |
 
+use crate::articulated_sweep::Pending;
 use crate::energy::{CenterOfMass, Root};
 use crate::error::{DynamicsError, check_length};
+use crate::hinge::{Hinge, combine};
 use crate::kernel::kernel;
 use crate::layout::{GROUND, Layout, Shifts};
+use crate::mass_matrix::Composites;
 use phipsi_spatial::{Motion, RigidInertia, Scalar, Transform, Vec3, Wrench};
 
 /// The point about which angular momentum is taken.
@@ -137,8 +140,10 @@ pub fn momentum<T: Scalar>(
 #[derive(Clone, Debug)]
 pub struct CentroidalMomentumMatrix<T: Scalar> {
     shifts: Shifts<T::Arithmetic>,
+    pending: Pending<RigidInertia<T::Arithmetic>>,
     R: Vec<RigidInertia<T::Arithmetic>>,
-    frames: Vec<Transform<T::Arithmetic>>,
+    /// Axes of every body in the world, and its origin from the centre of mass.
+    frames: Vec<([Vec3<T::Arithmetic>; 3], Vec3<T::Arithmetic>)>,
     center: CenterOfMass<T>,
 }
 
@@ -147,8 +152,9 @@ impl<T: Scalar> CentroidalMomentumMatrix<T> {
     pub fn new(layout: &Layout<T::Constant>) -> Self {
         CentroidalMomentumMatrix {
             shifts: Shifts::new(layout),
+            pending: Pending::new(layout, RigidInertia::zero()),
             R: vec![RigidInertia::zero(); layout.len()],
-            frames: vec![Transform::identity(); layout.len()],
+            frames: vec![([Vec3::zero(); 3], Vec3::zero()); layout.len()],
             center: CenterOfMass::new(layout),
         }
     }
@@ -158,8 +164,8 @@ impl<T: Scalar> CentroidalMomentumMatrix<T> {
     /// `q`: nq; `out`: 6×nv by rows.
     ///
     /// # Method
-    /// Column i is the momentum of the composite body outboard of the joint, moving along axis i. Cost O(n · depth), no
-    /// allocation.
+    /// Column i is the momentum of the composite body outboard of the joint, moving along axis i, moved to the centre of mass
+    /// by the body's place from its root's. Cost O(n), no allocation.
     ///
     /// # Errors
     /// [`DynamicsError::Shape`].
@@ -180,35 +186,61 @@ kernel! {
         q: &'a [T::Arithmetic],
         out: &'a mut [T::Arithmetic],
     } -> () {
-        let CentroidalMomentumMatrix { shifts, R, frames, center } = work;
+        let CentroidalMomentumMatrix { shifts, pending, R, frames, center } = work;
         shifts.set_all(layout, q);
-        for (k, body) in layout.bodies.iter().enumerate() {
-            R[k] = RigidInertia::constant(&body.inertia);
-        }
+        let mut composites = Composites::begin(layout, shifts, pending);
         for (k, body) in layout.bodies.iter().enumerate().rev() {
-            if body.parent != GROUND {
-                R[body.parent] = R[body.parent] + shifts.at(k, body).rigid_to_parent(&R[k]);
-            }
+            R[k] = composites.next(k, body);
         }
-        center.gather(layout, q);
+        for root in &mut center.roots {
+            let k = root.body;
+            let pose = shifts.at(k, &layout.bodies[k]).pose();
+            *root = Root { body: k, pose, mass: R[k].mass, moment: R[k].first_moment };
+        }
         for root in &center.roots {
-            frames[root.body] = frame_at(center, root, About::CenterOfMass);
+            let (mass, Vec3([x, y, z])) = center.sum(root.pose.translation);
+            let axes = [0, 1, 2].map(|i| root.pose.rotation.column(i));
+            frames[root.body] = (axes, -Vec3([x / mass, y / mass, z / mass]));
         }
         let nv = layout.nv();
+        let mut previous = ([Vec3::zero(); 3], Vec3::zero());
         for (k, body) in layout.bodies.iter().enumerate() {
+            previous = if body.parent == GROUND {
+                frames[k]
+            } else {
+                let (axes, origin) = if body.follows_parent(k) { previous } else { frames[body.parent] };
+                let (axes, step) = shifts.at(k, body).axes_to_child(axes);
+                (axes, origin + step)
+            };
+            if body.children > 1 {
+                frames[k] = previous;
+            }
+            let rows = &mut *out;
+            if let Hinge::Revolute = body.hinge {
+                put(rows, nv, body.v, &previous, R[k].column(2));
+                continue;
+            }
             for i in 0..body.hinge.nv() {
-                let mut h = R[k].momentum(body.hinge.axis(i));
-                let mut at = k;
-                while layout.bodies[at].parent != GROUND {
-                    h = shifts.at(at, &layout.bodies[at]).wrench_to_parent(h);
-                    at = layout.bodies[at].parent;
-                }
-                let column = frames[at].wrench_to_child(h).to_array();
-                for (r, x) in column.into_iter().enumerate() {
-                    out[r * nv + body.v + i] = x;
-                }
+                put(rows, nv, body.v + i, &previous, R[k].momentum(body.hinge.axis(i)));
             }
         }
+    }
+}
+
+/// Writes a momentum in the axes of a body, about its origin, as column `i`.
+#[inline(always)]
+fn put<T: Scalar>(
+    out: &mut [T],
+    nv: usize,
+    i: usize,
+    (axes, origin): &([Vec3<T>; 3], Vec3<T>),
+    h: Wrench<T>,
+) {
+    let force = combine(axes, h.force);
+    let moment = origin.cross_add(force, combine(axes, h.moment));
+    let column = Wrench::new(moment, force).to_array();
+    for r in 0..6 {
+        out[r * nv + i] = column[r];
     }
 }
 

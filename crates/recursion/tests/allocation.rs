@@ -4,9 +4,9 @@ use allocation_counter::measure;
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{
     About, ArticulatedSweep, CenterOfMass, CentroidalMomentumMatrix, Form, FormForwardDynamics,
-    ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics, InverseDynamicsDerivatives, JointReactions,
-    Kinematics, KineticEnergy, Layout, MassMatrix, MassMatrixInverse, MassMatrixSolution, Momentum,
-    body_pose, body_velocity, jacobian_into,
+    ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics, InverseDynamicsDerivatives, Jacobian,
+    JointReactions, Kinematics, KineticEnergy, Layout, MassMatrix, MassMatrixInverse, MassMatrixSolution,
+    Momentum, body_pose, body_velocity,
 };
 use phipsi_reference::generate::case;
 use phipsi_spatial::Wrench;
@@ -91,8 +91,9 @@ fn kernels_do_not_allocate() {
             momentum.run(&layout, q, v, About::CenterOfMass).unwrap();
             centroidal.run(&layout, q, &mut rows).unwrap();
         });
+        let mut jacobian = Jacobian::new(&layout);
         assert_none("Jacobian", seed, || {
-            jacobian_into(&layout, q, Some(case.body), Some(case.point), &mut rows).unwrap();
+            jacobian.run(&layout, q, Some(case.body), Some(case.point), &mut rows).unwrap();
         });
         let mut reactions = JointReactions::new(&case.model, &layout);
         let mut forces = vec![Wrench::zero(); case.model.len()];

@@ -17,6 +17,7 @@
 #![allow(unsafe_code)]
 
 use crate::sin_cos::{Quadrants, sin_cos};
+use crate::wide::{Wide, WideKernel, With};
 use crate::{Kernel, Scalar};
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use num_traits::{One, Zero};
@@ -256,7 +257,7 @@ impl Scalar for Fused {
     }
     #[inline(always)]
     fn sin_cos_all(x: &[Self], sin: &mut [Self], cos: &mut [Self]) {
-        widest(SinCosAll { x, sin, cos });
+        Self::dispatch_wide(SinCosAll { x, sin, cos });
     }
     #[inline(always)]
     fn is_positive(self) -> bool {
@@ -278,6 +279,16 @@ impl Scalar for Fused {
         }
         kernel.run()
     }
+    #[inline(always)]
+    fn dispatch_wide<K: WideKernel<Self>>(kernel: K) -> K::Output {
+        match Level::best() {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => x86::F64x8::dispatch(With::<Self, x86::F64x8, K>::new(kernel)),
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => x86::F64x4::dispatch(With::<Self, x86::F64x4, K>::new(kernel)),
+            _ => Self::dispatch(With::<Self, Self, K>::new(kernel)),
+        }
+    }
 }
 
 /// [`Scalar::sin_cos_all`] in lanes.
@@ -287,47 +298,16 @@ struct SinCosAll<'a> {
     cos: &'a mut [Fused],
 }
 
-impl Visitor for SinCosAll<'_> {
+impl WideKernel<Fused> for SinCosAll<'_> {
     type Output = ();
     #[inline(always)]
-    fn visit<T: Lanes>(self) {
-        T::dispatch(SinCosIn::<T> { all: self, lanes: Default::default() });
-    }
-}
-
-struct SinCosIn<'a, T> {
-    all: SinCosAll<'a>,
-    lanes: core::marker::PhantomData<T>,
-}
-
-impl<T: Lanes> Kernel for SinCosIn<'_, T> {
-    type Output = ();
-    #[inline(always)]
-    fn run(self) {
-        let SinCosAll { x, sin, cos } = self.all;
-        let mut at = 0;
-        while at < x.len() {
-            let some = &x[at..x.len().min(at + T::LANES)];
-            // A full group is one load, which does not wait for anything to be written.
-            let packed = match some.first_chunk::<8>() {
-                Some(all) if T::LANES == 8 => T::from_lanes(
-                    #[inline(always)]
-                    |i| all[i].0,
-                ),
-                _ => T::from_lanes(
-                    #[inline(always)]
-                    |i| some.get(i).map_or(0.0, |x| x.0),
-                ),
-            };
-            let (s, c) = packed.sin_cos();
-            let (s, c) = ([s], [c]);
-            for (to, from) in sin[at..].iter_mut().zip(&T::numbers(&s)[..some.len()]) {
-                *to = Fused(*from);
-            }
-            for (to, from) in cos[at..].iter_mut().zip(&T::numbers(&c)[..some.len()]) {
-                *to = Fused(*from);
-            }
-            at += T::LANES;
+    fn run<W: Wide<Fused>>(self) {
+        let SinCosAll { x, sin, cos } = self;
+        let groups = x.chunks(W::COUNT).zip(sin.chunks_mut(W::COUNT)).zip(cos.chunks_mut(W::COUNT));
+        for ((x, sin), cos) in groups {
+            let (s, c) = W::load_first(x).sin_cos();
+            s.store_first(sin);
+            c.store_first(cos);
         }
     }
 }

@@ -6,6 +6,7 @@
 
 use crate::lanes::{Fused, fused, fused_mut};
 use crate::six_lanes::SixLanes;
+use crate::wide::{WideKernel, With};
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use num_traits::{One, Zero};
@@ -51,6 +52,11 @@ pub trait Scalar:
     #[inline(always)]
     fn dispatch<K: Kernel>(kernel: K) -> K::Output {
         kernel.run()
+    }
+    /// Runs a kernel with the widest register for numbers of this type that lie side by side.
+    #[inline(always)]
+    fn dispatch_wide<K: WideKernel<Self>>(kernel: K) -> K::Output {
+        Self::dispatch(With::<Self, Self, K>::new(kernel))
     }
     /// The same f64 in every lane, exactly.
     fn splat(x: f64) -> Self;

@@ -10,7 +10,7 @@ use phipsi::prelude::{Mimic, UrdfOptions, read_urdf_file};
 use phipsi::recursion::batch::{Input, StateKernel, kernels, run_batch};
 use phipsi::recursion::{
     CentroidalMomentumMatrix, ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics,
-    InverseDynamicsDerivatives, Layout, MassMatrix, MassMatrixInverse, jacobian_into,
+    InverseDynamicsDerivatives, Jacobian, Layout, MassMatrix, MassMatrixInverse,
 };
 use phipsi::spatial::lanes::Level;
 use protocol::{Call, Failure, Operation, Program, States, serve};
@@ -115,10 +115,13 @@ impl Program for Open {
                     }),
                 )
             }
-            "jacobian" => one(
-                6 * nv,
-                Box::new(move |i, out| Ok(jacobian_into(layout, s.q(i), self.target, None, out)?)),
-            ),
+            "jacobian" => {
+                let mut workspace = Jacobian::new(layout);
+                one(
+                    6 * nv,
+                    Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), self.target, None, out)?)),
+                )
+            }
             "centroidal" => {
                 let mut workspace = CentroidalMomentumMatrix::new(layout);
                 one(6 * nv, Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), out)?)))

@@ -249,7 +249,7 @@ on_body! {
         Ok(())
     };
     /// Inputs q and, if there is a second, the point in the body's frame; result the Jacobian, 6×nv.
-    Jacobian, (), |_| (), |layout, body, _work, inputs, out| {
-        crate::jacobian_into(layout, &inputs[0], body, point(inputs.get(1)), out)
+    Jacobian, crate::Jacobian<T>, crate::Jacobian::new, |layout, body, work, inputs, out| {
+        work.run(layout, &inputs[0], body, point(inputs.get(1)), out)
     };
 }

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::six_lanes::{RIGID_COLUMNS, RigidEntries, SixLanes};
+use crate::wide::WIDEST;
 use core::arch::x86_64::*;
 
 /// Runs a kernel compiled for AVX2 and FMA.
@@ -36,7 +37,9 @@ macro_rules! lanes {
     (
         $t:ident, $n:literal, $with:ident, $set:ident, $load:ident, $store:ident,
         $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident, $sqrt:ident,
-        negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident
+        negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident,
+        insert: $insert:ident, store_from: $store_from:ident, load_first: $load_first:ident,
+        store_first: $store_first:ident, transpose: $transpose:ident
     ) => {
         // SAFETY of this macro: a value of the type exists only after the processor was asked (see the module above).
         impl Add for $t {
@@ -143,6 +146,46 @@ macro_rules! lanes {
             }
             numbers_in_memory!();
         }
+        impl Wide<Fused> for $t {
+            const COUNT: usize = $n;
+            #[inline(always)]
+            fn load(x: &[Fused]) -> Self {
+                let x = &x[..$n];
+                unsafe { $t($load(x.as_ptr().cast())) }
+            }
+            #[inline(always)]
+            fn store(self, x: &mut [Fused]) {
+                let x = &mut x[..$n];
+                unsafe { $store(x.as_mut_ptr().cast(), self.0) }
+            }
+            #[inline(always)]
+            fn load_first(x: &[Fused]) -> Self {
+                unsafe { $t($load_first(x)) }
+            }
+            #[inline(always)]
+            fn store_first(self, x: &mut [Fused]) {
+                unsafe { $store_first(x, self.0) }
+            }
+            #[inline(always)]
+            fn transpose(tile: &mut [Self; WIDEST]) {
+                unsafe { $transpose(tile) }
+            }
+            #[inline(always)]
+            fn store_from(self, first: usize, x: &mut [Fused]) {
+                if first < $n {
+                    let x = &mut x[..$n - first];
+                    unsafe { $store_from(x, first, self.0) }
+                }
+            }
+            #[inline(always)]
+            fn broadcast(x: Fused) -> Self {
+                Self::splat(x.0)
+            }
+            #[inline(always)]
+            fn with(self, lane: usize, x: Fused) -> Self {
+                unsafe { $t($insert(self.0, lane, x.0)) }
+            }
+        }
         impl Quadrants for $t {
             #[inline(always)]
             fn turn(shifted: Self, sin: Self, cos: Self) -> (Self, Self) {
@@ -172,13 +215,17 @@ macro_rules! lanes {
 lanes!(
     F64x4, 4, with_fma, _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd,
     _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd, _mm256_fmadd_pd, _mm256_sqrt_pd,
-    negate: negate4, all: all_between4, size: size4, turn: turn4
+    negate: negate4, all: all_between4, size: size4, turn: turn4,
+    insert: insert4, store_from: store_from4, load_first: load_first4, store_first: store_first4,
+    transpose: transpose4
 );
 
 lanes!(
     F64x8, 8, with_avx512, _mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd,
     _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd, _mm512_div_pd, _mm512_fmadd_pd, _mm512_sqrt_pd,
-    negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8
+    negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8,
+    insert: insert8, store_from: store_from8, load_first: load_first8, store_first: store_first8,
+    transpose: transpose8
 );
 
 // Functions, for closures cannot be made to inline. SAFETY: as in the macro.
@@ -242,6 +289,118 @@ unsafe fn turn8(shifted: __m512d, s: __m512d, c: __m512d) -> (__m512d, __m512d) 
 #[inline(always)]
 unsafe fn flip(x: __m512d, sign: __m512i) -> __m512d {
     unsafe { _mm512_castsi512_pd(_mm512_xor_si512(_mm512_castpd_si512(x), sign)) }
+}
+
+#[inline(always)]
+unsafe fn insert4(x: __m256d, lane: usize, number: f64) -> __m256d {
+    unsafe {
+        let here = _mm256_cmpeq_epi64(_mm256_setr_epi64x(0, 1, 2, 3), _mm256_set1_epi64x(lane as i64));
+        _mm256_blendv_pd(x, _mm256_set1_pd(number), _mm256_castsi256_pd(here))
+    }
+}
+
+#[inline(always)]
+unsafe fn insert8(x: __m512d, lane: usize, number: f64) -> __m512d {
+    unsafe { _mm512_mask_broadcastsd_pd(x, 1u8.wrapping_shl(lane as u32), _mm_set_sd(number)) }
+}
+
+/// `to` has as many numbers as there are lanes from `first` on, at least one.
+#[inline(always)]
+unsafe fn store_from4(to: &mut [Fused], first: usize, x: __m256d) {
+    let mut all = [0.0; 4];
+    unsafe { _mm256_storeu_pd(all.as_mut_ptr(), x) };
+    for (to, x) in to.iter_mut().zip(&all[first..]) {
+        *to = Fused(*x);
+    }
+}
+
+/// `to` has as many numbers as there are lanes from `first` on, at least one.
+#[inline(always)]
+unsafe fn store_from8(to: &mut [Fused], first: usize, x: __m512d) {
+    // The lanes before `first` are not written: their addresses need not exist.
+    let mask = 0xffu8.wrapping_shl(first as u32);
+    unsafe { _mm512_mask_storeu_pd(to.as_mut_ptr().cast::<f64>().wrapping_sub(first), mask, x) }
+}
+
+/// All bits set in as many lanes as there are numbers.
+#[inline(always)]
+unsafe fn some4(count: usize) -> __m256i {
+    unsafe { _mm256_cmpgt_epi64(_mm256_set1_epi64x(count.min(4) as i64), _mm256_setr_epi64x(0, 1, 2, 3)) }
+}
+
+#[inline(always)]
+unsafe fn load_first4(x: &[Fused]) -> __m256d {
+    unsafe { _mm256_maskload_pd(x.as_ptr().cast(), some4(x.len())) }
+}
+
+#[inline(always)]
+unsafe fn store_first4(to: &mut [Fused], x: __m256d) {
+    unsafe { _mm256_maskstore_pd(to.as_mut_ptr().cast(), some4(to.len()), x) }
+}
+
+/// A bit for each of as many lanes as there are numbers.
+#[inline(always)]
+fn some8(count: usize) -> u8 {
+    (0xffu16 >> (8 - count.min(8))) as u8
+}
+
+#[inline(always)]
+unsafe fn load_first8(x: &[Fused]) -> __m512d {
+    unsafe { _mm512_maskz_loadu_pd(some8(x.len()), x.as_ptr().cast()) }
+}
+
+#[inline(always)]
+unsafe fn store_first8(to: &mut [Fused], x: __m512d) {
+    unsafe { _mm512_mask_storeu_pd(to.as_mut_ptr().cast(), some8(to.len()), x) }
+}
+
+#[inline(always)]
+unsafe fn transpose4(tile: &mut [F64x4; WIDEST]) {
+    unsafe {
+        let [a, b, c, d] = [tile[0].0, tile[1].0, tile[2].0, tile[3].0];
+        let (ab, cd) = (_mm256_unpacklo_pd(a, b), _mm256_unpacklo_pd(c, d));
+        tile[0].0 = _mm256_permute2f128_pd::<0x20>(ab, cd);
+        tile[2].0 = _mm256_permute2f128_pd::<0x31>(ab, cd);
+        let (ab, cd) = (_mm256_unpackhi_pd(a, b), _mm256_unpackhi_pd(c, d));
+        tile[1].0 = _mm256_permute2f128_pd::<0x20>(ab, cd);
+        tile[3].0 = _mm256_permute2f128_pd::<0x31>(ab, cd);
+    }
+}
+
+#[inline(always)]
+unsafe fn transpose8(tile: &mut [F64x8; WIDEST]) {
+    unsafe {
+        let [a, b, c, d, e, f, g, h] = tile.map(|x| x.0);
+        let even = [
+            _mm512_unpacklo_pd(a, b),
+            _mm512_unpacklo_pd(c, d),
+            _mm512_unpacklo_pd(e, f),
+            _mm512_unpacklo_pd(g, h),
+        ];
+        let odd = [
+            _mm512_unpackhi_pd(a, b),
+            _mm512_unpackhi_pd(c, d),
+            _mm512_unpackhi_pd(e, f),
+            _mm512_unpackhi_pd(g, h),
+        ];
+        let [even, odd] = [pairs8(even), pairs8(odd)];
+        *tile = [even[0], odd[0], even[1], odd[1], even[2], odd[2], even[3], odd[3]].map(F64x8);
+    }
+}
+
+/// Numbers 2i of eight rows from four that hold two rows each: pairs of numbers of a row become neighbours.
+#[inline(always)]
+unsafe fn pairs8([a, b, c, d]: [__m512d; 4]) -> [__m512d; 4] {
+    unsafe {
+        let (ab_even, cd_even) = (_mm512_shuffle_f64x2::<0x88>(a, b), _mm512_shuffle_f64x2::<0x88>(c, d));
+        let (ab_odd, cd_odd) = (_mm512_shuffle_f64x2::<0xdd>(a, b), _mm512_shuffle_f64x2::<0xdd>(c, d));
+        [
+            _mm512_shuffle_f64x2::<0x88>(ab_even, cd_even),
+            _mm512_shuffle_f64x2::<0x88>(ab_odd, cd_odd),
+            _mm512_shuffle_f64x2::<0xdd>(ab_even, cd_even),
+            _mm512_shuffle_f64x2::<0xdd>(ab_odd, cd_odd),
+        ]
+    }
 }
 
 /// The lanes of one six-vector of plain numbers.
