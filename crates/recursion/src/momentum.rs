@@ -136,14 +136,16 @@ pub fn momentum<T: Scalar>(
     Momentum::new(layout).run(layout, q, v, about)
 }
 
+/// Axes of a body in the world, and its origin from the centre of mass.
+type Frame<T> = ([Vec3<T>; 3], Vec3<T>);
+
 /// Workspace of the centroidal momentum matrix.
 #[derive(Clone, Debug)]
 pub struct CentroidalMomentumMatrix<T: Scalar> {
     shifts: Shifts<T::Arithmetic>,
     pending: Pending<RigidInertia<T::Arithmetic>>,
     R: Vec<RigidInertia<T::Arithmetic>>,
-    /// Axes of every body in the world, and its origin from the centre of mass.
-    frames: Vec<([Vec3<T::Arithmetic>; 3], Vec3<T::Arithmetic>)>,
+    frames: Vec<Frame<T::Arithmetic>>,
     center: CenterOfMass<T>,
 }
 
