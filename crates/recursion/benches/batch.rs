@@ -46,23 +46,23 @@ fn time(bencher: Bencher<'_, '_>, example: &Example, level: Level, kernel: impl 
     });
 }
 
-#[divan::bench(args = cases())]
+#[divan::bench(args = cases(), min_time = 0.2)]
 fn forward_dynamics(bencher: Bencher<'_, '_>, case: &Case) {
-    let example = Example::with_states(case.1, COUNT);
+    let example = Example::with_states(case.1, COUNT as u32);
     let kernel = kernels::ForwardDynamics { layout: &example.layout, loaded: &[] };
     time(bencher, &example, case.0, kernel, example.layout.nv());
 }
 
-#[divan::bench(args = cases())]
+#[divan::bench(args = cases(), min_time = 0.2)]
 fn inverse_dynamics(bencher: Bencher<'_, '_>, case: &Case) {
-    let example = Example::with_states(case.1, COUNT);
+    let example = Example::with_states(case.1, COUNT as u32);
     let kernel = kernels::InverseDynamics { layout: &example.layout, loaded: &[] };
     time(bencher, &example, case.0, kernel, example.layout.nv());
 }
 
-#[divan::bench(args = cases())]
+#[divan::bench(args = cases(), min_time = 0.2)]
 fn forward_dynamics_derivatives(bencher: Bencher<'_, '_>, case: &Case) {
-    let example = Example::with_states(case.1, COUNT);
+    let example = Example::with_states(case.1, COUNT as u32);
     let kernel = kernels::ForwardDynamicsDerivatives { layout: &example.layout, loaded: &[] };
     time(bencher, &example, case.0, kernel, 3 * example.layout.nv().pow(2));
 }

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Example, MODELS, calls};
+use common::{Example, MODELS, STATES, calls};
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use phipsi_recursion::{Form, FormForwardDynamics};
@@ -21,22 +21,22 @@ fn time(bencher: Bencher<'_, '_>, model: &str, form: Form) {
     }));
 }
 
-#[divan::bench(args = MODELS)]
+#[divan::bench(args = MODELS, sample_size = STATES, min_time = 0.1)]
 fn plain(bencher: Bencher<'_, '_>, model: &str) {
     time(bencher, model, Form::Plain);
 }
 
-#[divan::bench(args = MODELS)]
+#[divan::bench(args = MODELS, sample_size = STATES, min_time = 0.1)]
 fn refined(bencher: Bencher<'_, '_>, model: &str) {
     time(bencher, model, Form::Refined);
 }
 
-#[divan::bench(args = MODELS)]
+#[divan::bench(args = MODELS, sample_size = STATES, min_time = 0.1)]
 fn square_root(bencher: Bencher<'_, '_>, model: &str) {
     time(bencher, model, Form::SquareRoot);
 }
 
-#[divan::bench(args = MODELS)]
+#[divan::bench(args = MODELS, sample_size = STATES, min_time = 0.1)]
 fn double_double(bencher: Bencher<'_, '_>, model: &str) {
     time(bencher, model, Form::DoubleDouble);
 }

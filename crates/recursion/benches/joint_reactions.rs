@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Example, MODELS, calls};
+use common::{Example, MODELS, STATES, calls};
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use phipsi_recursion::JointReactions;
@@ -13,7 +13,7 @@ fn main() {
     divan::main();
 }
 
-#[divan::bench(args = MODELS)]
+#[divan::bench(args = MODELS, sample_size = STATES, min_time = 0.1)]
 fn joint_reactions(bencher: Bencher<'_, '_>, model: &str) {
     let example = Example::named(model);
     bencher.counter(ItemsCount::new(example.layout.len())).bench_local(calls(

@@ -33,22 +33,22 @@ fn inverse(bencher: Bencher<'_, '_>, model: &str) {
     }));
 }
 
-#[divan::bench(args = CHAINS, max_time = 2)]
+#[divan::bench(args = CHAINS, min_time = 0.1, max_time = 2)]
 fn forward_dynamics_chain(bencher: Bencher<'_, '_>, model: &str) {
     forward(bencher, model);
 }
 
-#[divan::bench(args = TREES, max_time = 2)]
+#[divan::bench(args = TREES, min_time = 0.1, max_time = 2)]
 fn forward_dynamics_tree(bencher: Bencher<'_, '_>, model: &str) {
     forward(bencher, model);
 }
 
-#[divan::bench(args = CHAINS, max_time = 2)]
+#[divan::bench(args = CHAINS, min_time = 0.1, max_time = 2)]
 fn inverse_dynamics_chain(bencher: Bencher<'_, '_>, model: &str) {
     inverse(bencher, model);
 }
 
-#[divan::bench(args = TREES, max_time = 2)]
+#[divan::bench(args = TREES, min_time = 0.1, max_time = 2)]
 fn inverse_dynamics_tree(bencher: Bencher<'_, '_>, model: &str) {
     inverse(bencher, model);
 }

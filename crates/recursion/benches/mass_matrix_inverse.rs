@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Example, MODELS, calls};
+use common::{Example, MODELS, STATES, calls};
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use phipsi_recursion::{MassMatrixInverse, MassMatrixSolution};
@@ -14,7 +14,7 @@ fn main() {
     divan::main();
 }
 
-#[divan::bench(args = MODELS)]
+#[divan::bench(args = MODELS, sample_size = STATES, min_time = 0.1)]
 fn mass_matrix_inverse(bencher: Bencher<'_, '_>, model: &str) {
     let example = Example::named(model);
     let nv = example.layout.nv();
@@ -26,7 +26,7 @@ fn mass_matrix_inverse(bencher: Bencher<'_, '_>, model: &str) {
     ));
 }
 
-#[divan::bench(args = MODELS)]
+#[divan::bench(args = MODELS, sample_size = STATES, min_time = 0.1)]
 fn solve_mass_matrix(bencher: Bencher<'_, '_>, model: &str) {
     let example = Example::named(model);
     let nv = example.layout.nv();

@@ -28,7 +28,7 @@ const KERNELS: [&str; 8] = [
 ];
 
 /// States that a call of a `…_batch` kernel takes.
-const BATCH: usize = 64;
+const BATCH: u32 = 64;
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -61,6 +61,7 @@ fn refuse() -> ExitCode {
 fn run(kernel: &str, model: &str, count: usize) {
     let states = if kernel.ends_with("_batch") { BATCH } else { STATES };
     let example = Example::with_states(model, states);
+    let count_all = states as usize;
     let (e, layout, nv) = (&example, &example.layout, example.layout.nv());
     let mut call: Box<dyn FnMut() + '_> = match kernel {
         "forward_dynamics" => Box::new(calls(e, nv, ForwardDynamics::new(layout), |work, e, s, out| {
@@ -97,11 +98,11 @@ fn run(kernel: &str, model: &str, count: usize) {
         }
         "forward_dynamics_batch" => {
             let (q, v, x) = (e.rows(|s| &s.q), e.rows(|s| &s.v), e.rows(|s| &s.x));
-            let mut out = vec![0.0; states * nv];
+            let mut out = vec![0.0; count_all * nv];
             Box::new(move || {
                 let inputs = [Input::each(&q, layout.nq()), Input::each(&v, nv), Input::each(&x, nv)];
                 let kernel = kernels::ForwardDynamics { layout, loaded: &[] };
-                run_batch(&kernel, Level::best(), &inputs, states, &mut out)
+                run_batch(&kernel, Level::best(), &inputs, count_all, &mut out)
                     .map_err(|(_, error)| error)
                     .expect("regular states");
                 std::hint::black_box(&mut out);

@@ -9,8 +9,8 @@ use std::hint::black_box;
 /// The models of benches on one state: an arm, a quadruped on a free base (18 degrees of freedom), a chain, a binary tree.
 pub const MODELS: [&str; 4] = ["arm_7", "quadruped_18", "chain_64", "tree_63"];
 
-/// States that calls take in turn: what a processor predicts on one of them helps little on the next.
-pub const STATES: usize = 16;
+/// States that calls take in turn, once around in every sample: what a processor predicts on one helps little on the next.
+pub const STATES: u32 = 16;
 
 /// A model, compiled, with states.
 pub struct Example {
@@ -32,9 +32,9 @@ impl Example {
         Self::with_states(name, STATES)
     }
     /// The same with another number of states.
-    pub fn with_states(name: &str, states: usize) -> Self {
+    pub fn with_states(name: &str, states: u32) -> Self {
         let model = model(name);
-        let states = (0..states as u64).map(|seed| {
+        let states = (0..u64::from(states)).map(|seed| {
             let state = model.random_state(seed);
             let mut random = Random::new(seed);
             State { q: state.q, v: state.v, x: (0..model.nv()).map(|_| random.signed()).collect() }
@@ -44,7 +44,7 @@ impl Example {
     }
     /// A part of all states, one after the other, for batches.
     pub fn rows(&self, part: impl Fn(&State) -> &[f64]) -> Vec<f64> {
-        self.states.iter().flat_map(|s| part(s)).copied().collect()
+        self.states.iter().flat_map(part).copied().collect()
     }
 }
 
