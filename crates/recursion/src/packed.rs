@@ -79,7 +79,7 @@ impl<S> Packed<S> {
     where
         S: SixLanes<T>,
     {
-        let o = S::fill(T::zero());
+        let o = S::zeros();
         Packed { P: [o; 6], z: o }
     }
     #[inline(always)]

@@ -44,6 +44,11 @@ pub trait SixLanes<T: Scalar>:
     fn to_array(self) -> [T; 8];
     /// One number in all lanes.
     fn fill(x: T) -> Self;
+    /// Zeros, on every processor: workspaces are filled with them before anything is asked.
+    #[inline(always)]
+    fn zeros() -> Self {
+        Self::fill(T::zero())
+    }
     /// `self * a + b`.
     fn times_plus(self, a: Self, b: Self) -> Self;
     /// `b − self * a`.

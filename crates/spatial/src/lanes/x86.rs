@@ -425,6 +425,11 @@ impl SixLanes<Fused> for F64x8 {
         unsafe { F64x8(_mm512_set1_pd(x.0)) }
     }
     #[inline(always)]
+    fn zeros() -> Self {
+        // SAFETY: all zero bits are eight zeros; no instruction of AVX-512 is needed.
+        unsafe { core::mem::zeroed() }
+    }
+    #[inline(always)]
     fn times_plus(self, a: Self, b: Self) -> Self {
         unsafe { F64x8(_mm512_fmadd_pd(self.0, a.0, b.0)) }
     }
