@@ -8,7 +8,7 @@
 use crate::articulated_sweep::Pending;
 use crate::energy::{CenterOfMass, Root};
 use crate::error::{DynamicsError, check_length};
-use crate::hinge::{Hinge, combine};
+use crate::hinge::{Axes, Hinge, combine};
 use crate::kernel::kernel;
 use crate::layout::{GROUND, Layout, Shifts};
 use crate::mass_matrix::Composites;
@@ -143,7 +143,7 @@ pub struct CentroidalMomentumMatrix<T: Scalar> {
     pending: Pending<RigidInertia<T::Arithmetic>>,
     R: Vec<RigidInertia<T::Arithmetic>>,
     /// Axes of every body in the world, and its origin from the centre of mass.
-    frames: Vec<([Vec3<T::Arithmetic>; 3], Vec3<T::Arithmetic>)>,
+    frames: Vec<Axes<T::Arithmetic>>,
     center: CenterOfMass<T>,
 }
 
@@ -229,13 +229,7 @@ kernel! {
 
 /// Writes a momentum in the axes of a body, about its origin, as column `i`.
 #[inline(always)]
-fn put<T: Scalar>(
-    out: &mut [T],
-    nv: usize,
-    i: usize,
-    (axes, origin): &([Vec3<T>; 3], Vec3<T>),
-    h: Wrench<T>,
-) {
+fn put<T: Scalar>(out: &mut [T], nv: usize, i: usize, (axes, origin): &Axes<T>, h: Wrench<T>) {
     let force = combine(axes, h.force);
     let moment = origin.cross_add(force, combine(axes, h.moment));
     let column = Wrench::new(moment, force).to_array();
