@@ -125,11 +125,12 @@ impl<T: Scalar> ForwardDynamics<T> {
     fn sweep_velocities(&mut self, layout: &Layout<T::Constant>, q: &[T::Arithmetic], v: &[T::Arithmetic]) {
         let n = layout.bodies.len();
         let moving = &mut self.moving[..n];
+        self.shifts.begin(q);
         let mut previous = Vec3::zero();
         for k in 0..n {
             let body = &layout.bodies[k];
             if let Hinge::Revolute = body.hinge {
-                let (turn, rate) = (body.link.turned(q[body.q]), v[body.v]);
+                let (turn, rate) = (self.shifts.turned(body), v[body.v]);
                 self.shifts.set_turn(k, turn);
                 if body.parent == GROUND {
                     previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);

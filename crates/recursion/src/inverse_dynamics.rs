@@ -90,6 +90,7 @@ impl<T: Scalar> InverseDynamics<T> {
         a: &[T::Arithmetic],
     ) {
         let ground = (Vec3::zero(), Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity)));
+        self.shifts.begin(q);
         let mut previous = ground;
         let n = layout.bodies.len();
         for k in 0..n {

@@ -68,6 +68,9 @@ impl<C: Real> LayoutBody<C> {
 pub(crate) struct Shifts<T> {
     shift: Vec<Shift<T>>,
     general: Vec<Transform<T>>,
+    /// Of every coordinate: they cost less together.
+    sin: Vec<T>,
+    cos: Vec<T>,
 }
 
 impl<T: Scalar> Shifts<T> {
@@ -76,12 +79,20 @@ impl<T: Scalar> Shifts<T> {
         Shifts {
             shift: layout.bodies.iter().map(|b| b.link.at_rest()).collect(),
             general: vec![Transform::identity(); general],
+            sin: vec![T::zero(); layout.nq()],
+            cos: vec![T::one(); layout.nq()],
         }
     }
+    /// Takes the coordinates that the next shifts are set at.
+    #[inline(always)]
+    pub(crate) fn begin(&mut self, q: &[T]) {
+        T::sin_cos_all(q, &mut self.sin, &mut self.cos);
+    }
+    /// Sets the shift of body `k`, at the coordinates that [`Shifts::begin`] took.
     #[inline(always)]
     pub(crate) fn set(&mut self, k: usize, body: &LayoutBody<T::Constant>, q: &[T]) {
         if let Hinge::Revolute = body.hinge {
-            self.shift[k].turn = body.link.turned(q[body.q]);
+            self.shift[k].turn = self.turned(body);
             return;
         }
         let (shift, general) = body.link.at(&body.hinge, &q[body.q..]);
@@ -92,9 +103,15 @@ impl<T: Scalar> Shifts<T> {
     }
     #[inline(always)]
     pub(crate) fn set_all(&mut self, layout: &Layout<T::Constant>, q: &[T]) {
+        self.begin(q);
         for (k, body) in layout.bodies.iter().enumerate() {
             self.set(k, body, q);
         }
+    }
+    /// Z(q + θ₁) of a body on a hinge.
+    #[inline(always)]
+    pub(crate) fn turned(&self, body: &LayoutBody<T::Constant>) -> Turn<T> {
+        body.link.turned_by(Turn { cos: self.cos[body.q], sin: self.sin[body.q] })
     }
     /// The turn of a body on a hinge.
     #[inline(always)]

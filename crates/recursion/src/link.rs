@@ -133,7 +133,12 @@ impl<C: Real> Link<C> {
     /// Z(q + θ₁).
     #[inline(always)]
     pub(crate) fn turned<T: Scalar<Constant = C>>(&self, q: T) -> Turn<T> {
-        Turn::by(q).then(Turn::constant(&self.last))
+        self.turned_by(Turn::by(q))
+    }
+    /// Z(q + θ₁) of Z(q).
+    #[inline(always)]
+    pub(crate) fn turned_by<T: Scalar<Constant = C>>(&self, q: Turn<T>) -> Turn<T> {
+        q.then(Turn::constant(&self.last))
     }
     /// The link of a hinge about z that is turned.
     #[inline(always)]

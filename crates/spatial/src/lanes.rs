@@ -252,6 +252,10 @@ impl Scalar for Fused {
         sin_cos(self)
     }
     #[inline(always)]
+    fn sin_cos_all(x: &[Self], sin: &mut [Self], cos: &mut [Self]) {
+        widest(SinCosAll { x, sin, cos });
+    }
+    #[inline(always)]
     fn is_positive(self) -> bool {
         self.0 > 0.0 && self.0 < f64::INFINITY
     }
@@ -270,6 +274,51 @@ impl Scalar for Fused {
             return unsafe { x86::with_fma(kernel) };
         }
         kernel.run()
+    }
+}
+
+/// [`Scalar::sin_cos_all`] in lanes.
+struct SinCosAll<'a> {
+    x: &'a [Fused],
+    sin: &'a mut [Fused],
+    cos: &'a mut [Fused],
+}
+
+impl Visitor for SinCosAll<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn visit<T: Lanes>(self) {
+        T::dispatch(SinCosIn::<T> { all: self, lanes: Default::default() });
+    }
+}
+
+struct SinCosIn<'a, T> {
+    all: SinCosAll<'a>,
+    lanes: core::marker::PhantomData<T>,
+}
+
+impl<T: Lanes> Kernel for SinCosIn<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run(self) {
+        let SinCosAll { x, sin, cos } = self.all;
+        let mut at = 0;
+        while at < x.len() {
+            let some = &x[at..x.len().min(at + T::LANES)];
+            let mut packed = [T::zero()];
+            for (to, from) in T::numbers_mut(&mut packed).iter_mut().zip(some) {
+                *to = from.0;
+            }
+            let (s, c) = packed[0].sin_cos();
+            let (s, c) = ([s], [c]);
+            for (to, from) in sin[at..].iter_mut().zip(&T::numbers(&s)[..some.len()]) {
+                *to = Fused(*from);
+            }
+            for (to, from) in cos[at..].iter_mut().zip(&T::numbers(&c)[..some.len()]) {
+                *to = Fused(*from);
+            }
+            at += T::LANES;
+        }
     }
 }
 

@@ -61,6 +61,14 @@ pub trait Scalar:
     fn sqrt(self) -> Self;
     /// Sine and cosine.
     fn sin_cos(self) -> (Self, Self);
+    /// Sine and cosine of many numbers: the same values, several at once where one number has no lanes of its own. The three
+    /// slices have one length.
+    #[inline(always)]
+    fn sin_cos_all(x: &[Self], sin: &mut [Self], cos: &mut [Self]) {
+        for ((x, s), c) in x.iter().zip(sin).zip(cos) {
+            (*s, *c) = x.sin_cos();
+        }
+    }
     /// True if every lane is finite and greater than zero: the test of a pivot.
     fn is_positive(self) -> bool;
     /// The smallest lane, rounded to f64: what an error message prints.
