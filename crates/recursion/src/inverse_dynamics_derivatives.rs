@@ -512,11 +512,13 @@ impl<T: Scalar> Composite<T> {
         let trace = J.xx + J.yy + J.zz;
         let two = T::splat(2.0);
         let second = Sym3::diagonal(trace) + scaled(&J, -two);
-        let column = #[inline(always)]
-        |j: usize| second.column(j).cross(omega);
         Composite {
             inertia: *M,
-            moment: Mat3::from_columns(column(0), column(1), column(2)),
+            moment: Mat3::from_columns(
+                second.column(0).cross(omega),
+                second.column(1).cross(omega),
+                second.column(2).cross(omega),
+            ),
             momentum: M.first_moment.cross(omega).scale(two),
             force: M.momentum(alpha) + M.gyroscopic(omega),
         }
@@ -547,12 +549,6 @@ impl<T: Scalar> Composite<T> {
         let position = Motion::new(Vec3([x.fma(z, b), y.fma(z, -a), -(x.fma(x, y * y))]), Vec3([d, -c, o]));
         let (J, h, N, l) =
             (&self.inertia.inertia, self.inertia.first_moment.0, &self.moment.0, self.momentum.0);
-        let across = #[inline(always)]
-        |p: T, q: T, v: Vec3<T>| p.fma(v.0[0], q * v.0[1]);
-        let lever = #[inline(always)]
-        |m: [T; 3], v: Vec3<T>| {
-            Vec3([-(m[2] * v.0[1]), m[2] * v.0[0], m[0].fma(v.0[1], -(m[1] * v.0[0]))])
-        };
         let inertia = Wrench::new(J.column(2), Vec3([-h[1], h[0], o]));
         let swing = Wrench::new(
             Vec3([
@@ -602,6 +598,18 @@ impl<T: Scalar> Composite<T> {
         self.momentum += other.momentum;
         self.force += other.force;
     }
+}
+
+/// (p, q, ·) · v.
+#[inline(always)]
+fn across<T: Scalar>(p: T, q: T, v: Vec3<T>) -> T {
+    p.fma(v.0[0], q * v.0[1])
+}
+
+/// m × v for a v without z.
+#[inline(always)]
+fn lever<T: Scalar>(m: [T; 3], v: Vec3<T>) -> Vec3<T> {
+    Vec3([-(m[2] * v.0[1]), m[2] * v.0[0], m[0].fma(v.0[1], -(m[1] * v.0[0]))])
 }
 
 #[inline(always)]

@@ -14,6 +14,7 @@ use crate::hinge::Hinge;
 use crate::link::{Link, Shift};
 use phipsi_model::joint::rotation_from_z;
 use phipsi_model::{JointKind, Model};
+use phipsi_spatial::wide::Wide;
 use phipsi_spatial::{Axis, Mat3, Motion, Real, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench};
 
 /// Marks the ground as a parent or carrier.
@@ -141,6 +142,20 @@ pub(crate) struct Passage<'a, T: Scalar> {
     general: Option<&'a Transform<T>>,
 }
 
+/// φ(p, k) of one body in every column of a register.
+pub(crate) struct Broadcast<'a, W: Scalar> {
+    body: &'a LayoutBody<W::Constant>,
+    shift: Shift<W>,
+    general: Option<Transform<W>>,
+}
+
+impl<W: Scalar> Broadcast<'_, W> {
+    #[inline(always)]
+    pub(crate) fn passage(&self) -> Passage<'_, W> {
+        Passage { body: self.body, shift: &self.shift, general: self.general.as_ref() }
+    }
+}
+
 impl<T: Scalar> Passage<'_, T> {
     /// The pose of the body in its parent.
     #[inline(always)]
@@ -157,6 +172,49 @@ impl<T: Scalar> Passage<'_, T> {
             Some(x) => x.wrench_to_parent(f),
             None => self.body.link.wrench_to_parent(self.shift, f),
         }
+    }
+    /// R x.
+    #[inline(always)]
+    pub(crate) fn vector_to_parent(&self, x: Vec3<T>) -> Vec3<T> {
+        match self.general {
+            Some(pose) => pose.rotation * x,
+            None => self.body.link.vector_to_parent(self.shift, x),
+        }
+    }
+    /// R A Rᵀ.
+    #[inline(always)]
+    pub(crate) fn matrix_to_parent(&self, A: &Mat3<T>) -> Mat3<T> {
+        match self.general {
+            Some(pose) => pose.rotation * *A * pose.rotation.transpose(),
+            None => self.body.link.matrix_to_parent(self.shift, A),
+        }
+    }
+    /// The body's origin in the parent.
+    #[inline(always)]
+    pub(crate) fn translation(&self) -> Vec3<T> {
+        match self.general {
+            Some(pose) => pose.translation,
+            None => self.body.link.translation(self.shift),
+        }
+    }
+    /// For several columns side by side, see [`Broadcast`].
+    #[inline(always)]
+    pub(crate) fn broadcast<W: Wide<T>>(&self) -> Broadcast<'_, W> {
+        let general = match self.general {
+            Some(pose) => {
+                let (r, t) = (&pose.rotation.0, pose.translation.0);
+                let mut wide = Transform::<W>::identity();
+                for i in 0..3 {
+                    wide.translation.0[i] = W::broadcast(t[i]);
+                    for j in 0..3 {
+                        wide.rotation.0[i][j] = W::broadcast(r[i][j]);
+                    }
+                }
+                Some(wide)
+            }
+            None => None,
+        };
+        Broadcast { body: self.body, shift: self.shift.broadcast(), general }
     }
     /// φ* V.
     #[inline(always)]

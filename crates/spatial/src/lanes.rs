@@ -17,6 +17,7 @@
 #![allow(unsafe_code)]
 
 use crate::sin_cos::{Quadrants, sin_cos};
+use crate::wide::{WideKernel, With};
 use crate::{Kernel, Scalar};
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use num_traits::{One, Zero};
@@ -274,6 +275,17 @@ impl Scalar for Fused {
             return unsafe { x86::with_fma(kernel) };
         }
         kernel.run()
+    }
+    const COLUMNS: usize = crate::wide::WIDEST;
+    #[inline(always)]
+    fn dispatch_wide<K: WideKernel<Self>>(kernel: K) -> K::Output {
+        match Level::best() {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => x86::F64x8::dispatch(With::<Self, x86::F64x8, K>::new(kernel)),
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => x86::F64x4::dispatch(With::<Self, x86::F64x4, K>::new(kernel)),
+            _ => Self::dispatch(With::<Self, Self, K>::new(kernel)),
+        }
     }
 }
 

@@ -20,6 +20,7 @@ pub mod six;
 pub mod transform;
 pub mod turn;
 pub mod vector;
+pub mod wide;
 
 pub use double_double::Dd;
 pub use inertia::{ArticulatedInertia, RigidInertia};

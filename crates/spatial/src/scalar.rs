@@ -5,6 +5,7 @@
 //! no order. [`Real`] adds what code with branches needs: comparison and inverse trigonometry.
 
 use crate::lanes::{Fused, fused, fused_mut};
+use crate::wide::{WideKernel, With};
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use num_traits::{One, Zero};
@@ -49,6 +50,13 @@ pub trait Scalar:
     fn dispatch<K: Kernel>(kernel: K) -> K::Output {
         kernel.run()
     }
+    /// Runs a kernel with the widest register for numbers of this type that lie side by side.
+    #[inline(always)]
+    fn dispatch_wide<K: WideKernel<Self>>(kernel: K) -> K::Output {
+        Self::dispatch(With::<Self, Self, K>::new(kernel))
+    }
+    /// The most numbers of this type that [`Scalar::dispatch_wide`] puts side by side on any processor.
+    const COLUMNS: usize = 1;
     /// The same f64 in every lane, exactly.
     fn splat(x: f64) -> Self;
     /// A constant of the model, in every lane.

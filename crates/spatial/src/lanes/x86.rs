@@ -1,6 +1,7 @@
 //! Lanes in the registers of x86-64.
 
 use super::*;
+use crate::wide::Wide;
 use core::arch::x86_64::*;
 
 /// Runs a kernel compiled for AVX2 and FMA.
@@ -35,7 +36,7 @@ macro_rules! lanes {
     (
         $t:ident, $n:literal, $with:ident, $set:ident, $load:ident, $store:ident,
         $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident, $sqrt:ident,
-        negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident
+        negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident, first: $store_first:ident
     ) => {
         // SAFETY of this macro: a value of the type exists only after the processor was asked (see the module above).
         impl Add for $t {
@@ -142,6 +143,29 @@ macro_rules! lanes {
             }
             numbers_in_memory!();
         }
+        impl Wide<Fused> for $t {
+            const COUNT: usize = $n;
+            #[inline(always)]
+            fn broadcast(x: Fused) -> Self {
+                unsafe { $t($set(x.0)) }
+            }
+            #[inline(always)]
+            fn load(x: &[Fused]) -> Self {
+                let x = &x[..$n];
+                unsafe { $t($load(x.as_ptr().cast())) }
+            }
+            #[inline(always)]
+            fn store(self, out: &mut [Fused]) {
+                let out = &mut out[..$n];
+                unsafe { $store(out.as_mut_ptr().cast(), self.0) }
+            }
+            #[inline(always)]
+            fn store_first(self, out: &mut [Fused]) {
+                let n = out.len().min($n);
+                // The mask keeps within the first n.
+                unsafe { $store_first(self.0, out.as_mut_ptr().cast(), n) }
+            }
+        }
         impl Quadrants for $t {
             #[inline(always)]
             fn turn(shifted: Self, sin: Self, cos: Self) -> (Self, Self) {
@@ -171,13 +195,13 @@ macro_rules! lanes {
 lanes!(
     F64x4, 4, with_fma, _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd,
     _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd, _mm256_fmadd_pd, _mm256_sqrt_pd,
-    negate: negate4, all: all_between4, size: size4, turn: turn4
+    negate: negate4, all: all_between4, size: size4, turn: turn4, first: store_first4
 );
 
 lanes!(
     F64x8, 8, with_avx512, _mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd,
     _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd, _mm512_div_pd, _mm512_fmadd_pd, _mm512_sqrt_pd,
-    negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8
+    negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8, first: store_first8
 );
 
 // Functions, for closures cannot be made to inline. SAFETY: as in the macro.
@@ -213,6 +237,19 @@ unsafe fn turn4(shifted: __m256d, s: __m256d, c: __m256d) -> (__m256d, __m256d) 
             _mm256_xor_pd(_mm256_blendv_pd(c, s, odd), _mm256_castsi256_pd(next_sign)),
         )
     }
+}
+
+#[inline(always)]
+unsafe fn store_first4(x: __m256d, to: *mut f64, n: usize) {
+    unsafe {
+        let place = _mm256_set_epi64x(3, 2, 1, 0);
+        _mm256_maskstore_pd(to, _mm256_cmpgt_epi64(_mm256_set1_epi64x(n as i64), place), x);
+    }
+}
+
+#[inline(always)]
+unsafe fn store_first8(x: __m512d, to: *mut f64, n: usize) {
+    unsafe { _mm512_mask_storeu_pd(to, ((1u32 << n) - 1) as u8, x) }
 }
 
 #[inline(always)]

@@ -1,0 +1,76 @@
+//! Several numbers of one state side by side: lanes for the columns of a matrix.
+//!
+//! A [`WideKernel`] is written once for a scalar `T` and a register `W` of several `T`. On one f64 state, `W` has the lanes of
+//! the processor's level ([`crate::lanes`]); all other scalars, those whose lanes are states among them, are their own `W`,
+//! one number wide. The arithmetic of a column is the same in all.
+
+use crate::{Kernel, Scalar};
+use core::marker::PhantomData;
+
+/// [`Wide::COUNT`] numbers `T` side by side.
+pub trait Wide<T: Scalar>: Scalar<Constant = T::Constant> {
+    /// How many; at most [`WIDEST`].
+    const COUNT: usize;
+    /// The same number in all places.
+    fn broadcast(x: T) -> Self;
+    /// The first numbers of a slice, which has as many.
+    fn load(x: &[T]) -> Self;
+    /// Written to the first numbers of a slice, which has as many.
+    fn store(self, out: &mut [T]);
+    /// The first numbers, as many as the slice has, at most all.
+    fn store_first(self, out: &mut [T]);
+}
+
+/// The largest [`Wide::COUNT`].
+pub const WIDEST: usize = 8;
+
+impl<T: Scalar> Wide<T> for T {
+    const COUNT: usize = 1;
+    #[inline(always)]
+    fn broadcast(x: T) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn load(x: &[T]) -> Self {
+        x[0]
+    }
+    #[inline(always)]
+    fn store(self, out: &mut [T]) {
+        out[0] = self;
+    }
+    #[inline(always)]
+    fn store_first(self, out: &mut [T]) {
+        if let [first, ..] = out {
+            *first = self;
+        }
+    }
+}
+
+/// A [`Kernel`] that is generic over the register, too.
+pub trait WideKernel<T: Scalar> {
+    /// What it returns.
+    type Output;
+    /// The calculation, `#[inline(always)]` as [`Kernel::run`].
+    fn run<W: Wide<T>>(self) -> Self::Output;
+}
+
+/// A wide kernel with its register chosen.
+pub(crate) struct With<T, W, K> {
+    kernel: K,
+    of: PhantomData<(T, W)>,
+}
+
+impl<T, W, K> With<T, W, K> {
+    #[inline(always)]
+    pub(crate) fn new(kernel: K) -> Self {
+        With { kernel, of: PhantomData }
+    }
+}
+
+impl<T: Scalar, W: Wide<T>, K: WideKernel<T>> Kernel for With<T, W, K> {
+    type Output = K::Output;
+    #[inline(always)]
+    fn run(self) -> K::Output {
+        self.kernel.run::<W>()
+    }
+}
