@@ -157,14 +157,6 @@ impl<W: Scalar> Broadcast<'_, W> {
 }
 
 impl<T: Scalar> Passage<'_, T> {
-    /// The pose of the body in its parent.
-    #[inline(always)]
-    pub(crate) fn pose(&self) -> Transform<T> {
-        match self.general {
-            Some(x) => *x,
-            None => self.body.link.pose(self.shift),
-        }
-    }
     /// φ f.
     #[inline(always)]
     pub(crate) fn wrench_to_parent(&self, f: Wrench<T>) -> Wrench<T> {

@@ -27,6 +27,7 @@
 pub mod articulated_sweep;
 pub mod batch;
 mod columns;
+mod derivative_columns;
 pub mod energy;
 pub mod error;
 pub mod form;
@@ -47,6 +48,7 @@ pub mod mass_matrix;
 pub mod mass_matrix_inverse;
 pub mod momentum;
 pub mod refined_forward_dynamics;
+mod side_by_side;
 pub mod square_root_forward_dynamics;
 
 pub use articulated_sweep::ArticulatedSweep;
