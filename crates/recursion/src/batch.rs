@@ -171,7 +171,7 @@ impl<K: StateKernel> Visitor for Blocks<'_, K> {
     type Output = Failed;
     fn visit<T: Lanes>(self) -> Failed {
         let Work { count, size, .. } = self.work;
-        let packs = (BLOCK / (T::LANES * size)).clamp(1, 32);
+        let packs = (BLOCK / (T::LANES * size)).clamp(16, 32);
         let states = packs * T::LANES;
         let block = |(index, out): (usize, &mut [f64])| {
             T::dispatch(Block::<T, K> {
