@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import pathlib
 import pickle
 import subprocess
 import sys
@@ -117,6 +119,42 @@ def test_the_number_of_threads_does_not_matter():
         outputs.add(done.stdout)
     assert len(outputs) == 1
     assert outputs.pop().endswith("(77,)")
+
+
+@pytest.mark.parametrize(("level", "threads"), [("scalar", 1), ("avx2", 2), ("avx512", 5), ("", 3)])
+def test_the_width_of_the_lanes_does_not_matter(robot, level, threads):
+    """One process computes in one width; a processor without it takes the next narrower one."""
+    q, v, x = states(robot, 41)
+    wanted = {name: hashlib.sha256(call(robot, q, v, x).tobytes()).hexdigest() for name, call in METHODS.items()}
+    code = (
+        "import hashlib, sys, phipsi\n"
+        "from validation.tests.test_batch import METHODS, states\n"
+        "m = phipsi.Model.from_urdf(sys.argv[1])\n"
+        "q, v, x = states(m, 41)\n"
+        "for name, call in METHODS.items():\n"
+        "    print(name, hashlib.sha256(call(m, q, v, x).tobytes()).hexdigest())\n"
+    )
+    environment = {**os.environ, "PHIPSI_SIMD": level, "RAYON_NUM_THREADS": str(threads)}
+    command = [sys.executable, "-c", code, robots.model_path("solo12")]
+    root = pathlib.Path(__file__).parents[2]
+    done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=True)
+    assert dict(line.split() for line in done.stdout.splitlines()) == wanted
+
+
+def test_the_first_of_several_failures_is_reported():
+    m = phipsi.Model.from_urdf(robots.model_path("solo12"))
+    q, v, tau = states(m, 60)
+    # In one pack of lanes, and in two.
+    for early, late in [(17, 18), (3, 41), (41, 59)]:
+        fast = v.copy()
+        fast[early] = fast[late] = 1e200
+        for method, quantity in [(m.inverse_dynamics, "generalized force"), (m.forward_dynamics, "acceleration")]:
+            with pytest.raises(phipsi.NumericalError) as caught:
+                method(q, fast, tau)
+            assert caught.value.state == (early,) and caught.value.quantity == quantity
+            with pytest.raises(phipsi.NumericalError) as alone:
+                method(q[early], fast[early], tau[early])
+            assert alone.value.joint == caught.value.joint and alone.value.component == caught.value.component
 
 
 def test_the_interpreter_is_released():

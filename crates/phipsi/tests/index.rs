@@ -5,7 +5,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Files of `recursion` that hold no algorithm.
-const SUPPORT: [&str; 9] = ["batch", "columns", "error", "form", "hinge", "kernel", "layout", "lib", "link"];
+const SUPPORT: [&str; 10] =
+    ["batch", "columns", "error", "form", "hinge", "kernel", "layout", "lib", "link", "packed"];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")

@@ -1,11 +1,14 @@
-//! Arrays of Python as states: conversion, shapes, leading batch axes, and the loop over states.
+//! Arrays of Python as states: conversion, shapes, leading batch axes, and the run over states.
 //!
 //! Inputs are copied, so that nothing that Python does to an array meanwhile is seen, and the interpreter is released. A
-//! state's result depends neither on its place in the batch nor on the number of threads: every state is computed by itself,
-//! and of several failures the first one is reported.
+//! state's result depends neither on its place in the batch nor on the number of threads: recursions go through
+//! [`phipsi::recursion::batch`], also one state by itself; what branches on values is computed state by state. Of several
+//! failures the first one is reported.
 
 use crate::errors::{Failure, Field, argument_error, exception};
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use phipsi::recursion::batch::{Input, StateKernel, run_batch};
+use phipsi::spatial::lanes::Level;
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -14,6 +17,9 @@ use std::borrow::Cow;
 
 /// Work that one task of a thread takes, in numbers of states × degrees of freedom.
 const GRAIN: usize = 1024;
+
+/// Numbers of a result that are copied into an array of NumPy's own.
+const SMALL: usize = 512;
 
 /// Real numbers of an argument: batch axes, then the axes of one state.
 pub struct Argument {
@@ -50,7 +56,9 @@ impl Argument {
             return Err(argument_error(py, &name, Field::Tuple(shape), required.into(), &message, None));
         }
         let (batch, size) = (shape[..shape.len() - core.len()].to_vec(), core.iter().product());
-        if let Some(i) = data.iter().position(|x| !x.is_finite()) {
+        if !all_finite(&data)
+            && let Some(i) = data.iter().position(|x| !x.is_finite())
+        {
             let (state, at) = (unravel(i / size, &batch), describe(i % size));
             return Err(not_finite(
                 py,
@@ -72,6 +80,14 @@ impl Argument {
             None => state,
         };
         &self.data[own * self.size..(own + 1) * self.size]
+    }
+    /// Its numbers as an input of a batch.
+    pub fn input(&self) -> Input<'_> {
+        match &self.map {
+            Some(map) => Input::mapped(&self.data, self.size, map),
+            None if self.batch.is_empty() => Input::same(&self.data),
+            None => Input::each(&self.data, self.size),
+        }
     }
     /// States of the argument itself, before broadcasting.
     pub fn own_states(&self) -> impl Iterator<Item = (usize, &[f64])> {
@@ -131,6 +147,21 @@ impl Batch {
     /// Place of a state in the batch; `None` without batch axes.
     pub fn place(&self, state: usize) -> Option<Vec<usize>> {
         unravel(state, &self.shape)
+    }
+    /// Runs a kernel on every state, `size` numbers of result each, with the interpreter released.
+    ///
+    /// # Errors
+    /// The failure of the first state that fails.
+    pub fn run<K: StateKernel>(
+        &self,
+        py: Python<'_>,
+        kernel: &K,
+        inputs: &[Input<'_>],
+        size: usize,
+    ) -> Result<Vec<f64>, (usize, Failure)> {
+        let mut out = vec![0.0; self.count * size];
+        let done = py.detach(|| run_batch(kernel, Level::best(), inputs, self.count, &mut out));
+        done.map(|()| out).map_err(|(state, e)| (state, e.into()))
     }
     /// Runs `body(workspace, state, out)` for every state, `size` numbers each, with the interpreter released.
     ///
@@ -202,19 +233,33 @@ pub fn array<'py>(
     data: Vec<f64>,
     shape: Vec<usize>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    PyArray1::from_vec(py, data).reshape(shape)
+    // A few numbers are copied in less time than NumPy takes to adopt a vector.
+    let flat =
+        if data.len() <= SMALL { PyArray1::from_slice(py, &data) } else { PyArray1::from_vec(py, data) };
+    if shape.len() == 1 { Ok(flat.to_dyn().clone()) } else { flat.reshape(shape) }
+}
+
+/// True if all numbers are finite; looks at many at a time.
+fn all_finite(x: &[f64]) -> bool {
+    // 0 · x is zero or not a number.
+    let mut sums = [0.0; 8];
+    let groups = x.chunks_exact(8);
+    let rest = groups.remainder().iter().all(|x| x.is_finite());
+    for group in groups {
+        (0..8).for_each(|i| sums[i] += 0.0 * group[i]);
+    }
+    rest && sums.iter().all(|sum| *sum == 0.0)
 }
 
 /// The numbers of an array-like and its shape.
 fn numbers(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Vec<f64>, Vec<usize>)> {
     let py = object.py();
-    // `as_slice` alone also takes Fortran order, in memory order.
+    // `to_vec` alone also takes Fortran order, in memory order.
     if let Ok(array) = object.cast::<PyArrayDyn<f64>>()
         && array.is_c_contiguous()
-        && let Ok(read) = array.try_readonly()
-        && let Ok(slice) = read.as_slice()
+        && let Ok(data) = array.to_vec()
     {
-        return Ok((slice.to_vec(), array.shape().to_vec()));
+        return Ok((data, array.shape().to_vec()));
     }
     let type_error = |found: String, cause: Option<PyErr>| {
         let message = format!("`{name}` holds {found}, but real numbers are required");

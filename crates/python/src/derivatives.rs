@@ -3,7 +3,7 @@
 use crate::batch::Batch;
 use crate::errors::Failure;
 use crate::model::{Compiled, Model, Names};
-use phipsi::recursion::{ForwardDynamicsDerivatives, InverseDynamicsDerivatives};
+use phipsi::recursion::batch::kernels;
 use pyo3::prelude::*;
 
 /// Three matrices.
@@ -55,17 +55,8 @@ impl Model {
         let (mut tau, mut wrenches) = (compiled.v(tau, "tau")?, compiled.wrenches(wrenches)?);
         let batch = Batch::of(py, [&mut q, &mut v, &mut tau].into_iter().chain(&mut wrenches.arguments))?;
         let square = layout.nv() * layout.nv();
-        let out = batch.each(
-            py,
-            3 * square,
-            || (ForwardDynamicsDerivatives::new(layout), wrenches.workspace()),
-            |(work, scratch), i, out| {
-                let loads = wrenches.at(i, scratch);
-                let (d_dq, rest) = out.split_at_mut(square);
-                let (d_dv, d_dtau) = rest.split_at_mut(square);
-                Ok(work.run(layout, q.at(i), v.at(i), tau.at(i), loads, d_dq, d_dv, d_dtau)?)
-            },
-        );
+        let kernel = kernels::ForwardDynamicsDerivatives { layout, loaded: &wrenches.bodies };
+        let out = batch.run(py, &kernel, &wrenches.inputs([&q, &v, &tau]), 3 * square);
         matrices(&compiled, py, &batch, out, "derivative of an acceleration")
     }
     /// Derivatives of the generalized forces of ``inverse_dynamics``, analytic.
@@ -108,17 +99,8 @@ impl Model {
         let (mut a, mut wrenches) = (compiled.v(a, "a")?, compiled.wrenches(wrenches)?);
         let batch = Batch::of(py, [&mut q, &mut v, &mut a].into_iter().chain(&mut wrenches.arguments))?;
         let square = layout.nv() * layout.nv();
-        let out = batch.each(
-            py,
-            3 * square,
-            || (InverseDynamicsDerivatives::new(layout), wrenches.workspace()),
-            |(work, scratch), i, out| {
-                let loads = wrenches.at(i, scratch);
-                let (d_dq, rest) = out.split_at_mut(square);
-                let (d_dv, d_da) = rest.split_at_mut(square);
-                Ok(work.run(layout, q.at(i), v.at(i), a.at(i), loads, d_dq, d_dv, d_da)?)
-            },
-        );
+        let kernel = kernels::InverseDynamicsDerivatives { layout, loaded: &wrenches.bodies };
+        let out = batch.run(py, &kernel, &wrenches.inputs([&q, &v, &a]), 3 * square);
         matrices(&compiled, py, &batch, out, "derivative of a generalized force")
     }
 }
@@ -133,9 +115,13 @@ fn matrices<'py>(
 ) -> PyResult<Matrices<'py>> {
     let out = out.map_err(|e| compiled.failure(py, batch, e, Names::Columns(quantity)))?;
     let nv = compiled.layout.nv();
+    let square = nv * nv;
     let part = |k: usize| {
-        let own = out.chunks_exact((nv * nv).max(1)).skip(k).step_by(3);
-        batch.array(py, own.flatten().copied().collect(), &[nv, nv])
+        let mut own = Vec::with_capacity(out.len() / 3);
+        for state in out.chunks_exact((3 * square).max(1)) {
+            own.extend_from_slice(&state[k * square..(k + 1) * square]);
+        }
+        batch.array(py, own, &[nv, nv])
     };
     Ok((part(0)?, part(1)?, part(2)?))
 }

@@ -1,13 +1,11 @@
 //! Methods of `Model` about forces: forward and inverse dynamics, mass matrices, reactions.
 
 use crate::batch::Batch;
-use crate::errors::{Failure, choice_error};
+use crate::errors::choice_error;
 use crate::model::{Compiled, Model, Names};
 use phipsi::motion::forces::passive_forces;
-use phipsi::recursion::{
-    Form, FormForwardDynamics, InverseDynamics, forward_info, joint_reactions, mass_matrix,
-    mass_matrix_inverse, multiply_by_mass_matrix, solve_mass_matrix,
-};
+use phipsi::recursion::batch::{Input, kernels};
+use phipsi::recursion::{Form, FormForwardDynamics, forward_info};
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 
@@ -115,15 +113,20 @@ impl Model {
         let batch = Batch::of(py, [&mut q, &mut v, &mut tau].into_iter().chain(&mut wrenches.arguments))?;
         let nv = layout.nv();
         let form = compiled.form(py, form)?;
-        let out = batch.each(
-            py,
-            nv,
-            || (FormForwardDynamics::new(&compiled.model, layout, form), wrenches.workspace()),
-            |(work, scratch), i, out| {
-                let loads = wrenches.at(i, scratch);
-                Ok(work.run(layout, q.at(i), v.at(i), tau.at(i), loads, out)?)
-            },
-        );
+        let out = if form == Form::Plain {
+            let kernel = kernels::ForwardDynamics { layout, loaded: &wrenches.bodies };
+            batch.run(py, &kernel, &wrenches.inputs([&q, &v, &tau]), nv)
+        } else {
+            batch.each(
+                py,
+                nv,
+                || (FormForwardDynamics::new(&compiled.model, layout, form), wrenches.workspace()),
+                |(work, scratch), i, out| {
+                    let loads = wrenches.at(i, scratch);
+                    Ok(work.run(layout, q.at(i), v.at(i), tau.at(i), loads, out)?)
+                },
+            )
+        };
         if !info {
             return compiled.result(py, &batch, out, Names::Velocity("acceleration"), &[nv]);
         }
@@ -192,15 +195,8 @@ impl Model {
         let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
         let (mut a, mut wrenches) = (compiled.v(a, "a")?, compiled.wrenches(wrenches)?);
         let batch = Batch::of(py, [&mut q, &mut v, &mut a].into_iter().chain(&mut wrenches.arguments))?;
-        let out = batch.each(
-            py,
-            layout.nv(),
-            || (InverseDynamics::new(layout), wrenches.workspace()),
-            |(work, scratch), i, out| {
-                let loads = wrenches.at(i, scratch);
-                Ok(work.run(layout, q.at(i), v.at(i), a.at(i), loads, out)?)
-            },
-        );
+        let kernel = kernels::InverseDynamics { layout, loaded: &wrenches.bodies };
+        let out = batch.run(py, &kernel, &wrenches.inputs([&q, &v, &a]), layout.nv());
         compiled.result(py, &batch, out, Names::Velocity("generalized force"), &[layout.nv()])
     }
     /// The mass matrix M(q), full and symmetric.
@@ -218,10 +214,10 @@ impl Model {
         let compiled = self.compiled();
         let (layout, mut q) = (&compiled.layout, compiled.q(q, "q")?);
         let (nv, batch) = (layout.nv(), Batch::of(py, [&mut q])?);
-        let out = batch.each(py, nv * nv, || (), |(), i, out| fill(out, mass_matrix(layout, q.at(i))));
+        let out = batch.run(py, &kernels::MassMatrix { layout }, &[q.input()], nv * nv);
         compiled.result(py, &batch, out, Names::Columns("mass matrix"), &[nv, nv])
     }
-    /// The inverse of the mass matrix, full and symmetric, without forming M: O(nv²).
+    /// The inverse of the mass matrix, full and symmetric, without forming M: O(nv depth²).
     ///
     /// ``q``: (…, nq). Returns (…, nv, nv).
     ///
@@ -241,8 +237,7 @@ impl Model {
         let compiled = self.compiled();
         let (layout, mut q) = (&compiled.layout, compiled.q(q, "q")?);
         let (nv, batch) = (layout.nv(), Batch::of(py, [&mut q])?);
-        let out =
-            batch.each(py, nv * nv, || (), |(), i, out| fill(out, mass_matrix_inverse(layout, q.at(i))));
+        let out = batch.run(py, &kernels::MassMatrixInverse { layout }, &[q.input()], nv * nv);
         compiled.result(py, &batch, out, Names::Columns("inverse of the mass matrix"), &[nv, nv])
     }
     /// M(q) x in O(nv), without the matrix.
@@ -266,8 +261,10 @@ impl Model {
         let compiled = self.compiled();
         let (layout, mut q, mut x) = (&compiled.layout, compiled.q(q, "q")?, compiled.v(x, "x")?);
         let batch = Batch::of(py, [&mut q, &mut x])?;
-        let product = |i: usize| multiply_by_mass_matrix(layout, q.at(i), x.at(i));
-        let out = batch.each(py, layout.nv(), || (), |(), i, out| fill(out, product(i)));
+        let kernel = kernels::InverseDynamics { layout: compiled.weightless(), loaded: &[] };
+        let zero = vec![0.0; layout.nv()];
+        let inputs = [q.input(), Input::same(&zero), x.input()];
+        let out = batch.run(py, &kernel, &inputs, layout.nv());
         compiled.result(py, &batch, out, Names::Velocity("M x"), &[layout.nv()])
     }
     /// M(q)⁻¹ x in O(nv), without a matrix.
@@ -291,8 +288,8 @@ impl Model {
         let compiled = self.compiled();
         let (layout, mut q, mut x) = (&compiled.layout, compiled.q(q, "q")?, compiled.v(x, "x")?);
         let batch = Batch::of(py, [&mut q, &mut x])?;
-        let solution = |i: usize| solve_mass_matrix(layout, q.at(i), x.at(i));
-        let out = batch.each(py, layout.nv(), || (), |(), i, out| fill(out, solution(i)));
+        let kernel = kernels::MassMatrixSolution { layout };
+        let out = batch.run(py, &kernel, &[q.input(), x.input()], layout.nv());
         compiled.result(py, &batch, out, Names::Velocity("M⁻¹ x"), &[layout.nv()])
     }
     /// Inverse dynamics at a = 0: Coriolis, centrifugal and gravity forces.
@@ -317,10 +314,9 @@ impl Model {
         let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
         let (batch, layout) = (Batch::of(py, [&mut q, &mut v])?, &compiled.layout);
         let zero = vec![0.0; layout.nv()];
-        let work = || InverseDynamics::new(layout);
-        let out = batch.each(py, layout.nv(), work, |work, i, out| {
-            Ok(work.run(layout, q.at(i), v.at(i), &zero, None, out)?)
-        });
+        let kernel = kernels::InverseDynamics { layout, loaded: &[] };
+        let inputs = [q.input(), v.input(), Input::same(&zero)];
+        let out = batch.run(py, &kernel, &inputs, layout.nv());
         compiled.result(py, &batch, out, Names::Velocity("bias force"), &[layout.nv()])
     }
     /// The generalized forces that hold the mechanism at rest against gravity.
@@ -340,10 +336,9 @@ impl Model {
         let (layout, mut q) = (&compiled.layout, compiled.q(q, "q")?);
         let batch = Batch::of(py, [&mut q])?;
         let zero = vec![0.0; layout.nv()];
-        let work = || InverseDynamics::new(layout);
-        let out = batch.each(py, layout.nv(), work, |work, i, out| {
-            Ok(work.run(layout, q.at(i), &zero, &zero, None, out)?)
-        });
+        let kernel = kernels::InverseDynamics { layout, loaded: &[] };
+        let inputs = [q.input(), Input::same(&zero), Input::same(&zero)];
+        let out = batch.run(py, &kernel, &inputs, layout.nv());
         compiled.result(py, &batch, out, Names::Velocity("gravity force"), &[layout.nv()])
     }
     /// Damping and friction forces of the file's joints, as they act in ``simulate``: −c v − f tanh(v/s), s = 0.01.
@@ -411,30 +406,10 @@ impl Model {
         let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
         let (mut a, mut wrenches) = (compiled.v(a, "a")?, compiled.wrenches(wrenches)?);
         let batch = Batch::of(py, [&mut q, &mut v, &mut a].into_iter().chain(&mut wrenches.arguments))?;
-        let out = batch.each(
-            py,
-            6 * model.len(),
-            || wrenches.workspace(),
-            |scratch, i, out| {
-                let loads = wrenches.at(i, scratch);
-                let reactions = joint_reactions(model, layout, q.at(i), v.at(i), a.at(i), loads)?;
-                for (row, reaction) in out.chunks_mut(6).zip(reactions) {
-                    row.copy_from_slice(&reaction.to_array());
-                }
-                Ok(())
-            },
-        );
+        let kernel = kernels::JointReactions { model, layout, loaded: &wrenches.bodies };
+        let out = batch.run(py, &kernel, &wrenches.inputs([&q, &v, &a]), 6 * model.len());
         compiled.result(py, &batch, out, Names::Other("joint reaction"), &[model.len(), 6])
     }
-}
-
-/// Copies a kernel's result.
-pub fn fill(
-    out: &mut [f64],
-    result: Result<Vec<f64>, phipsi::recursion::DynamicsError>,
-) -> Result<(), Failure> {
-    out.copy_from_slice(&result?);
-    Ok(())
 }
 
 /// The info of a batch from (backward error, degree of freedom of the worst hinge, ratio) per state.

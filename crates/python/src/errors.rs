@@ -133,7 +133,10 @@ pub enum Failure {
 
 impl From<DynamicsError> for Failure {
     fn from(e: DynamicsError) -> Self {
-        Failure::Dynamics(e)
+        match e {
+            DynamicsError::NotFinite { index, found } => Failure::NotFinite(index, found),
+            e => Failure::Dynamics(e),
+        }
     }
 }
 

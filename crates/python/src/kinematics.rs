@@ -2,11 +2,7 @@
 
 use crate::batch::{Argument, Batch};
 use crate::model::{Model, Names};
-use phipsi::recursion::{
-    About, Kinematics, body_pose, body_velocity, center_of_mass, centroidal_momentum_matrix, jacobian,
-    kinetic_energy, momentum, potential_energy,
-};
-use phipsi::spatial::Vec3;
+use phipsi::recursion::batch::kernels;
 use pyo3::prelude::*;
 
 #[pymethods]
@@ -32,20 +28,7 @@ impl Model {
         let body = compiled.body(py, body)?;
         let (layout, mut q) = (&compiled.layout, compiled.q(q, "q")?);
         let batch = Batch::of(py, [&mut q])?;
-        let out = batch.each(
-            py,
-            16,
-            || (),
-            |(), i, out| {
-                let pose = body_pose(layout, q.at(i), body)?;
-                for r in 0..3 {
-                    out[4 * r..4 * r + 3].copy_from_slice(&pose.rotation.0[r]);
-                    out[4 * r + 3] = pose.translation.0[r];
-                }
-                out[15] = 1.0;
-                Ok(())
-            },
-        );
+        let out = batch.run(py, &kernels::BodyPose { layout, body }, &[q.input()], 16);
         compiled.result(py, &batch, out, Names::Other("pose"), &[4, 4])
     }
     /// Velocity of a body: (ω, velocity of the body-frame origin), world axes.
@@ -70,15 +53,8 @@ impl Model {
         let body = compiled.body(py, body)?;
         let (layout, mut q, mut v) = (&compiled.layout, compiled.q(q, "q")?, compiled.v(v, "v")?);
         let batch = Batch::of(py, [&mut q, &mut v])?;
-        let out = batch.each(
-            py,
-            6,
-            || (),
-            |(), i, out| {
-                out.copy_from_slice(&body_velocity(layout, q.at(i), v.at(i), body)?.to_array());
-                Ok(())
-            },
-        );
+        let kernel = kernels::BodyVelocity { layout, body };
+        let out = batch.run(py, &kernel, &[q.input(), v.input()], 6);
         compiled.result(py, &batch, out, Names::Other("velocity"), &[6])
     }
     /// Acceleration of a body: inertial rates of ω and of the velocity of the body-frame origin, world axes; no gravity.
@@ -105,14 +81,8 @@ impl Model {
         let layout = &compiled.layout;
         let (mut q, mut v, mut a) = (compiled.q(q, "q")?, compiled.v(v, "v")?, compiled.v(a, "a")?);
         let batch = Batch::of(py, [&mut q, &mut v, &mut a])?;
-        let work = || Kinematics::new(layout);
-        let out = batch.each(py, 6, work, |work, i, out| {
-            work.set_position(layout, q.at(i))?;
-            work.set_velocity(layout, v.at(i))?;
-            work.set_acceleration(layout, v.at(i), a.at(i))?;
-            out.copy_from_slice(&work.acceleration(layout, body).to_array());
-            Ok(())
-        });
+        let kernel = kernels::BodyAcceleration { layout, body };
+        let out = batch.run(py, &kernel, &[q.input(), v.input(), a.input()], 6);
         compiled.result(py, &batch, out, Names::Other("acceleration"), &[6])
     }
     /// The Jacobian J: (ω, velocity of the point) = J v, world axes.
@@ -150,16 +120,8 @@ impl Model {
         let mut point = point.map(|p| compiled.point(p, "point")).transpose()?;
         let batch = Batch::of(py, std::iter::once(&mut q).chain(&mut point))?;
         let nv = layout.nv();
-        let out = batch.each(
-            py,
-            6 * nv,
-            || (),
-            |(), i, out| {
-                let rows = jacobian(layout, q.at(i), body, vector(&point, i))?;
-                copy_rows(&rows, nv, out);
-                Ok(())
-            },
-        );
+        let inputs: Vec<_> = std::iter::once(&q).chain(&point).map(Argument::input).collect();
+        let out = batch.run(py, &kernels::Jacobian { layout, body }, &inputs, 6 * nv);
         compiled.result(py, &batch, out, Names::Columns("Jacobian"), &[6, nv])
     }
     /// Kinetic energy, J.
@@ -181,15 +143,7 @@ impl Model {
         let compiled = self.compiled();
         let (layout, mut q, mut v) = (&compiled.layout, compiled.q(q, "q")?, compiled.v(v, "v")?);
         let batch = Batch::of(py, [&mut q, &mut v])?;
-        let out = batch.each(
-            py,
-            1,
-            || (),
-            |(), i, out| {
-                out[0] = kinetic_energy(layout, q.at(i), v.at(i))?;
-                Ok(())
-            },
-        );
+        let out = batch.run(py, &kernels::KineticEnergy { layout }, &[q.input(), v.input()], 1);
         compiled.result(py, &batch, out, Names::Other("kinetic energy"), &[])
     }
     /// Potential energy of gravity, J; zero at the world's origin. Bodies welded to the world do not count.
@@ -208,15 +162,7 @@ impl Model {
         let compiled = self.compiled();
         let (layout, mut q) = (&compiled.layout, compiled.q(q, "q")?);
         let batch = Batch::of(py, [&mut q])?;
-        let out = batch.each(
-            py,
-            1,
-            || (),
-            |(), i, out| {
-                out[0] = potential_energy(layout, q.at(i))?;
-                Ok(())
-            },
-        );
+        let out = batch.run(py, &kernels::PotentialEnergy { layout }, &[q.input()], 1);
         compiled.result(py, &batch, out, Names::Other("potential energy"), &[])
     }
     /// Center of mass of the moving bodies, m, world axes. Bodies welded to the world do not count.
@@ -233,15 +179,7 @@ impl Model {
         let compiled = self.compiled();
         let (layout, mut q) = (&compiled.layout, compiled.q(q, "q")?);
         let batch = Batch::of(py, [&mut q])?;
-        let out = batch.each(
-            py,
-            3,
-            || (),
-            |(), i, out| {
-                out.copy_from_slice(&center_of_mass(layout, q.at(i))?.0);
-                Ok(())
-            },
-        );
+        let out = batch.run(py, &kernels::CenterOfMass { layout }, &[q.input()], 3);
         compiled.result(py, &batch, out, Names::Other("center of mass"), &[3])
     }
     /// Momentum of the moving bodies: angular, then linear; world axes.
@@ -277,16 +215,8 @@ impl Model {
         let (layout, mut q, mut v) = (&compiled.layout, compiled.q(q, "q")?, compiled.v(v, "v")?);
         let mut about = about.map(|p| compiled.point(p, "about")).transpose()?;
         let batch = Batch::of(py, [&mut q, &mut v].into_iter().chain(&mut about))?;
-        let out = batch.each(
-            py,
-            6,
-            || (),
-            |(), i, out| {
-                let about = vector(&about, i).map_or(About::CenterOfMass, About::Point);
-                out.copy_from_slice(&momentum(layout, q.at(i), v.at(i), about)?.to_array());
-                Ok(())
-            },
-        );
+        let inputs: Vec<_> = [&q, &v].into_iter().chain(&about).map(Argument::input).collect();
+        let out = batch.run(py, &kernels::Momentum { layout }, &inputs, 6);
         compiled.result(py, &batch, out, Names::Other("momentum"), &[6])
     }
     /// A with momentum(q, v) = A v, about the center of mass; world axes.
@@ -307,29 +237,7 @@ impl Model {
         let compiled = self.compiled();
         let (layout, mut q) = (&compiled.layout, compiled.q(q, "q")?);
         let (nv, batch) = (layout.nv(), Batch::of(py, [&mut q])?);
-        let out = batch.each(
-            py,
-            6 * nv,
-            || (),
-            |(), i, out| {
-                copy_rows(&centroidal_momentum_matrix(layout, q.at(i))?, nv, out);
-                Ok(())
-            },
-        );
+        let out = batch.run(py, &kernels::CentroidalMomentumMatrix { layout }, &[q.input()], 6 * nv);
         compiled.result(py, &batch, out, Names::Columns("centroidal momentum matrix"), &[6, nv])
-    }
-}
-
-/// A point of one state of the batch.
-fn vector(argument: &Option<Argument>, state: usize) -> Option<Vec3<f64>> {
-    argument.as_ref().map(|a| {
-        let x = a.at(state);
-        Vec3([x[0], x[1], x[2]])
-    })
-}
-
-fn copy_rows(rows: &[Vec<f64>; 6], nv: usize, out: &mut [f64]) {
-    for (r, row) in rows.iter().enumerate() {
-        out[r * nv..(r + 1) * nv].copy_from_slice(row);
     }
 }

@@ -9,6 +9,7 @@ use crate::report::Report;
 use phipsi::formats::urdf::{Mimic, UrdfOptions, read_urdf, read_urdf_file};
 use phipsi::formats::{Loaded, Problem};
 use phipsi::model::{Base, JointKind};
+use phipsi::recursion::batch::Input;
 use phipsi::recursion::{Form, FormChoice, Layout, singular_hinges};
 use phipsi::spatial::{Vec3, Wrench};
 use pyo3::exceptions::PyRuntimeWarning;
@@ -23,6 +24,8 @@ pub struct Compiled {
     pub model: phipsi::model::Model,
     /// What the recursions run on.
     pub layout: Layout<f64>,
+    /// The same without gravity, made when it is first asked for.
+    weightless: OnceLock<Layout<f64>>,
     /// The form of forward dynamics that the model needs, measured when it is first asked for.
     form: OnceLock<FormChoice>,
 }
@@ -225,6 +228,7 @@ impl Model {
         *compiled = Arc::new(Compiled {
             model: compiled.model.clone().with_gravity(g),
             layout: compiled.layout.clone().with_gravity(Vec3(g)),
+            weightless: OnceLock::new(),
             form: OnceLock::new(),
         });
         Ok(())
@@ -368,7 +372,12 @@ pub enum Names {
 impl Compiled {
     /// Compiles a model.
     pub fn of(model: phipsi::model::Model) -> Self {
-        Compiled { layout: Layout::new(&model), model, form: OnceLock::new() }
+        let (layout, weightless) = (Layout::new(&model), OnceLock::new());
+        Compiled { layout, model, weightless, form: OnceLock::new() }
+    }
+    /// The layout without gravity.
+    pub fn weightless(&self) -> &Layout<f64> {
+        self.weightless.get_or_init(|| self.layout.clone().with_gravity(Vec3::zero()))
     }
     /// The form that runs when `form` is asked for; warns, once, where none is good enough for the model.
     ///
@@ -501,13 +510,18 @@ impl Compiled {
 
 /// External wrenches of a batch.
 pub struct Wrenches {
-    bodies: Vec<usize>,
-    /// One per body that has any.
+    /// The bodies that have any.
+    pub bodies: Vec<usize>,
+    /// One for each of them.
     pub arguments: Vec<Argument>,
     len: usize,
 }
 
 impl Wrenches {
+    /// The inputs of a kernel: these arguments, then the wrenches.
+    pub fn inputs<'a>(&'a self, arguments: [&'a Argument; 3]) -> Vec<Input<'a>> {
+        arguments.into_iter().chain(&self.arguments).map(Argument::input).collect()
+    }
     /// Scratch for one state.
     pub fn workspace(&self) -> Vec<Wrench<f64>> {
         if self.bodies.is_empty() { Vec::new() } else { vec![Wrench::zero(); self.len] }

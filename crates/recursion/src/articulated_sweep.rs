@@ -237,18 +237,27 @@ impl<X: Copy> Pending<X> {
             self.top += 1;
         }
     }
-    /// The sum of what a body's children gave; `None` at a tip.
+    /// Adds what all children but the first gave to what is in hand from the first.
     #[inline(always)]
-    pub(crate) fn gather<C>(&mut self, body: &LayoutBody<C>, hand: &X, add: impl Fn(X, X) -> X) -> Option<X> {
+    pub(crate) fn gather<C>(&mut self, body: &LayoutBody<C>, hand: &mut X, add: impl Fn(&mut X, &X)) {
+        for _ in 1..body.children {
+            self.top -= 1;
+            add(hand, &self.stack[self.top]);
+        }
+    }
+    /// [`Pending::gather`], or nothing at a tip.
+    #[inline(always)]
+    pub(crate) fn all<C>(
+        &mut self,
+        body: &LayoutBody<C>,
+        hand: &mut X,
+        add: impl Fn(&mut X, &X),
+    ) -> Option<X> {
         if body.children == 0 {
             return None;
         }
-        let mut sum = *hand;
-        for _ in 1..body.children {
-            self.top -= 1;
-            sum = add(sum, self.stack[self.top]);
-        }
-        Some(sum)
+        self.gather(body, hand, add);
+        Some(*hand)
     }
 }
 
@@ -268,13 +277,17 @@ impl<T: Scalar> ArticulatedSweep<T> {
     pub fn new(layout: &Layout<T::Constant>, q: &[T]) -> Result<Self, DynamicsError> {
         layout.check_tree()?;
         check_length("q", q, layout.nq())?;
-        let mut sweep = ArticulatedSweep {
+        let mut sweep = Self::empty(layout);
+        sweep.update(layout, q)?;
+        Ok(sweep)
+    }
+    /// A workspace without factors.
+    pub(crate) fn empty(layout: &Layout<T::Constant>) -> Self {
+        ArticulatedSweep {
             shifts: Shifts::new(layout),
             pivots: vec![Pivot::empty(); layout.nv()],
             pending: Pending::new(layout, ArticulatedInertia::zero()),
-        };
-        sweep.update(layout, q)?;
-        Ok(sweep)
+        }
     }
     /// Factors M at another configuration of the same layout, without allocation. After an error there are no factors.
     ///
@@ -355,7 +368,7 @@ kernel! {
         sweep.pending.clear();
         let mut hand = ArticulatedInertia::zero();
         for (k, body) in layout.bodies.iter().enumerate().rev() {
-            let P = with_own(body, sweep.pending.gather(body, &hand, |a, b| a + b));
+            let P = with_own(body, sweep.pending.all(body, &mut hand, |a, b| *a = *a + *b));
             if let Hinge::Revolute = body.hinge {
                 let pivot = revolute_pivot(&P).map_err(|(i, D)| layout.singular(body.v + i, D))?;
                 sweep.pivots[body.v] = pivot;
@@ -385,7 +398,7 @@ kernel! {
         let mut hand = Wrench::zero();
         for (k, body) in layout.bodies.iter().enumerate().rev() {
             let dofs = body.v..body.v + body.hinge.nv();
-            let mut z = work.pending.gather(body, &hand, |a, b| a + b).unwrap_or(Wrench::zero());
+            let mut z = work.pending.all(body, &mut hand, |a, b| *a += *b).unwrap_or(Wrench::zero());
             filter(&body.hinge, &sweep.pivots[dofs.clone()], &mut z, &mut x[dofs]);
             if body.parent != GROUND {
                 work.pending.give(k, body, &mut hand, sweep.shifts.at(k, body).wrench_to_parent(z));
@@ -419,7 +432,7 @@ kernel! {
         work.pending.clear();
         let mut hand = Wrench::zero();
         for (k, body) in layout.bodies.iter().enumerate().rev() {
-            let mut z = work.pending.gather(body, &hand, |a, b| a + b).unwrap_or(Wrench::zero());
+            let mut z = work.pending.all(body, &mut hand, |a, b| *a += *b).unwrap_or(Wrench::zero());
             for i in 0..body.hinge.nv() {
                 let pivot = &sweep.pivots[body.v + i];
                 let epsilon = x[body.v + i] / pivot.inverse.sqrt();

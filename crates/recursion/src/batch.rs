@@ -5,35 +5,22 @@
 //! other and do the operations of the plain number, so that a state's result depends neither on its place, nor on the size
 //! of the batch, nor on the number of threads, nor on the processor.
 
+pub mod kernels;
+
 use crate::error::DynamicsError;
 use phipsi_spatial::Kernel;
 use phipsi_spatial::lanes::{Fused, Lanes, Level, Visitor, at_level};
 
 /// A calculation on one state, generic over the scalar.
 ///
+/// [`kernels`] has those of this crate.
+///
 /// # Example
 /// ```
 /// use phipsi_model::{Body, Inertia, Joint, JointKind, ModelBuilder};
-/// use phipsi_recursion::batch::{Input, StateKernel, run_batch};
-/// use phipsi_recursion::{DynamicsError, ForwardDynamics, Layout};
-/// use phipsi_spatial::lanes::{Lanes, Level};
-///
-/// struct Accelerations<'a>(&'a Layout<f64>);
-/// impl StateKernel for Accelerations<'_> {
-///     type Workspace<T: Lanes> = ForwardDynamics<T>;
-///     fn workspace<T: Lanes>(&self) -> ForwardDynamics<T> {
-///         ForwardDynamics::new(self.0)
-///     }
-///     #[inline(always)]
-///     fn run<T: Lanes>(
-///         &self,
-///         workspace: &mut ForwardDynamics<T>,
-///         inputs: &[Vec<T>],
-///         out: &mut [T],
-///     ) -> Result<(), DynamicsError> {
-///         workspace.run(self.0, &inputs[0], &inputs[1], &inputs[2], None, out)
-///     }
-/// }
+/// use phipsi_recursion::Layout;
+/// use phipsi_recursion::batch::{Input, kernels, run_batch};
+/// use phipsi_spatial::lanes::Level;
 ///
 /// let rod = Inertia::from_principal(1.0, [0.5, 0.0, 0.0], [0.0, 1.0 / 12.0, 1.0 / 12.0]);
 /// let model = ModelBuilder::new("pendulum")
@@ -41,17 +28,18 @@ use phipsi_spatial::lanes::{Fused, Lanes, Level, Visitor, at_level};
 ///     .joint(Joint::new("hinge", JointKind::Revolute { axis: [0.0, 1.0, 0.0] }), "world", "rod")
 ///     .build()?;
 /// let layout = Layout::new(&model);
+/// let kernel = kernels::ForwardDynamics { layout: &layout, loaded: &[] };
 /// let (q, zero) = ([0.0, 0.1, 0.2], [0.0]);
 /// let inputs = [Input::each(&q, 1), Input::same(&zero), Input::same(&zero)];
 /// let mut out = [0.0; 3];
-/// run_batch(&Accelerations(&layout), Level::best(), &inputs, 3, &mut out).map_err(|e| e.1)?;
+/// run_batch(&kernel, Level::best(), &inputs, 3, &mut out).map_err(|e| e.1)?;
 /// assert!(out[0] > out[1] && out[1] > out[2]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub trait StateKernel: Sync {
     /// Its scratch.
     type Workspace<T: Lanes>;
-    /// Makes the scratch; once for every block of states.
+    /// Makes the scratch; once for every run of blocks of states.
     fn workspace<T: Lanes>(&self) -> Self::Workspace<T>;
     /// The calculation: one slice for each input. To be `#[inline(always)]`, as [`Kernel::run`].
     ///
@@ -88,6 +76,16 @@ impl<'a> Input<'a> {
     pub fn mapped(data: &'a [f64], size: usize, map: &'a [usize]) -> Self {
         Input { data, size, map, same: false }
     }
+    /// The first of `count` states that has no numbers here.
+    fn shortage(&self, count: usize) -> Option<usize> {
+        let has = |state: &usize| self.at(*state).is_some();
+        match self.map {
+            [] if self.same => (!has(&0)).then_some(0),
+            // The last state has the highest place.
+            [] => (!has(&(count - 1))).then(|| self.data.len() / self.size.max(1)),
+            _ => (0..count).find(|state| !has(state)),
+        }
+    }
     /// Its numbers for a state; `None` beyond its end.
     #[inline(always)]
     pub fn at(&self, state: usize) -> Option<&'a [f64]> {
@@ -104,10 +102,11 @@ impl<'a> Input<'a> {
 /// Runs a kernel on `count` states. `out`: the results, state after state, of equal size.
 ///
 /// # Cost
-/// Threads (feature `parallel`) take blocks of states; allocates one workspace a block.
+/// Threads (feature `parallel`) take blocks of states; allocates a workspace for each run of blocks on a thread.
 ///
 /// # Errors
-/// The first state that fails, and how. [`DynamicsError::Shape`] if an input has fewer states than `count`, or `out` no
+/// The first state that fails, and how; [`DynamicsError::NotFinite`] if a number of its result is not finite.
+/// [`DynamicsError::Shape`] if an input has fewer states than `count`, or `out` no
 /// whole number of entries a state.
 pub fn run_batch<K: StateKernel>(
     kernel: &K,
@@ -125,8 +124,8 @@ pub fn run_batch<K: StateKernel>(
         return Err(shape("out", size * count, out.len()));
     }
     for input in inputs {
-        if (0..count).any(|state| input.at(state).is_none()) {
-            return Err(shape("input", count, input.data.len() / input.size.max(1)));
+        if let Some(found) = input.shortage(count) {
+            return Err(shape("input", count, found));
         }
     }
     if size == 0 {
@@ -171,32 +170,41 @@ impl<K: StateKernel> Visitor for Blocks<'_, K> {
     type Output = Failed;
     fn visit<T: Lanes>(self) -> Failed {
         let Work { count, size, .. } = self.work;
-        let packs = (BLOCK / (T::LANES * size)).clamp(16, 32);
+        let packs = (BLOCK / (T::LANES * size)).clamp(1, 32);
         let states = packs * T::LANES;
-        let block = |(index, out): (usize, &mut [f64])| {
-            T::dispatch(Block::<T, K> {
-                work: self.work,
-                first: index * states,
-                out,
-                lanes: Default::default(),
-            })
+        let work = self.work;
+        let scratch = || Scratch {
+            workspace: work.kernel.workspace(),
+            packed: work.inputs.iter().map(|i| vec![T::zero(); i.size]).collect(),
+            results: vec![T::zero(); size],
+        };
+        let block = |scratch: &mut Scratch<T, K>, (index, out): (usize, &mut [f64])| {
+            T::dispatch(Block { work, first: index * states, out, scratch })
         };
         #[cfg(feature = "parallel")]
         if count > states {
             use rayon::prelude::*;
             let chunks = self.out.par_chunks_mut(states * size).enumerate();
-            return chunks.filter_map(block).min_by_key(|failed| failed.0);
+            return chunks.map_init(scratch, block).filter_map(|failed| failed).min_by_key(|failed| failed.0);
         }
-        let _ = count;
-        self.out.chunks_mut(states * size).enumerate().find_map(block)
+        let (mut scratch, _) = (scratch(), count);
+        self.out.chunks_mut(states * size).enumerate().find_map(|chunk| block(&mut scratch, chunk))
     }
 }
 
-struct Block<'a, T, K> {
+/// What one thread works with.
+struct Scratch<T: Lanes, K: StateKernel> {
+    workspace: K::Workspace<T>,
+    /// The inputs of a pack.
+    packed: Vec<Vec<T>>,
+    results: Vec<T>,
+}
+
+struct Block<'a, T: Lanes, K: StateKernel> {
     work: Work<'a, K>,
     first: usize,
     out: &'a mut [f64],
-    lanes: core::marker::PhantomData<T>,
+    scratch: &'a mut Scratch<T, K>,
 }
 
 impl<T: Lanes, K: StateKernel> Kernel for Block<'_, T, K> {
@@ -204,24 +212,26 @@ impl<T: Lanes, K: StateKernel> Kernel for Block<'_, T, K> {
     #[inline(always)]
     fn run(self) -> Failed {
         let Work { kernel, inputs, size, .. } = self.work;
-        let mut workspace = kernel.workspace::<T>();
-        let mut packed: Vec<Vec<T>> = inputs.iter().map(|i| vec![T::zero(); i.size]).collect();
-        let mut results = vec![T::zero(); size];
+        let Scratch { workspace, packed, results } = self.scratch;
         for (pack, out) in self.out.chunks_mut(T::LANES * size).enumerate() {
             let first = self.first + pack * T::LANES;
             let states = out.len() / size;
-            for (input, packed) in inputs.iter().zip(&mut packed) {
+            for (input, packed) in inputs.iter().zip(packed.iter_mut()) {
                 for lane in 0..T::LANES {
                     // Checked before: every input has numbers for every state.
                     let row = input.at(first + lane.min(states - 1)).unwrap_or_default();
                     T::pack(row, lane, packed);
                 }
             }
-            if let Err(error) = kernel.run(&mut workspace, &packed, &mut results) {
+            if let Err(error) = kernel.run(workspace, packed, results) {
+                return Some(self.work.first_failure(first, states).unwrap_or((first, error)));
+            }
+            if !all_finite(results) {
+                let error = DynamicsError::NotFinite { index: 0, found: f64::NAN };
                 return Some(self.work.first_failure(first, states).unwrap_or((first, error)));
             }
             for (lane, row) in out.chunks_exact_mut(size).enumerate() {
-                T::unpack(&results, lane, row);
+                T::unpack(results, lane, row);
             }
         }
         None
@@ -238,7 +248,33 @@ impl<K: StateKernel> Work<'_, K> {
         (first..first + states).find_map(|state| {
             let numbers = |i: &Input<'_>| i.at(state).unwrap_or_default().iter().map(|&x| Fused(x)).collect();
             let inputs: Vec<Vec<Fused>> = self.inputs.iter().map(numbers).collect();
-            self.kernel.run(&mut workspace, &inputs, &mut results).err().map(|error| (state, error))
+            let error = match self.kernel.run(&mut workspace, &inputs, &mut results) {
+                Err(error) => Some(error),
+                Ok(()) => results
+                    .iter()
+                    .enumerate()
+                    .find(|(_, x)| !x.0.is_finite())
+                    .map(|(index, x)| DynamicsError::NotFinite { index, found: x.0 }),
+            };
+            error.map(|error| (state, error))
         })
     }
+}
+
+/// True if all lanes of all numbers are finite.
+#[inline(always)]
+fn all_finite<T: Lanes>(x: &[T]) -> bool {
+    // 0 · x is zero or not a number; several sums, so that none waits for the one before.
+    let mut sums = [T::zero(); 4];
+    let groups = x.chunks_exact(4);
+    for &x in groups.remainder() {
+        sums[0] = x.fma(T::zero(), sums[0]);
+    }
+    for group in groups {
+        for i in 0..4 {
+            sums[i] = group[i].fma(T::zero(), sums[i]);
+        }
+    }
+    let sum = [(sums[0] + sums[1]) + (sums[2] + sums[3])];
+    T::numbers(&sum).iter().all(|x| *x == 0.0)
 }

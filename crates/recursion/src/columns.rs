@@ -1,92 +1,180 @@
-//! Wrenches of many degrees of freedom that move through the same joints: columns of 6×n operators, side by side.
+//! Six-vectors of all degrees of freedom, side by side, that move together through the joints: columns of 6×n operators.
 //!
-//! Degrees of freedom are in the order in which an inward sweep meets their bodies, so that those outboard of a joint are a
-//! range, and the same few numbers of φ(p, k) act on the whole range: the loops vectorise, also on one state. They run in
-//! groups of [`GROUP`]; what a group does beyond the end of its range is overwritten when those columns begin.
+//! Columns lie in the order of the layout, so that those outboard of a joint are a range, and the same few numbers of φ(p, k)
+//! act on all of it, in lanes ([`Wide`]). An inward sweep begins columns from the last to the first. Groups of lanes are
+//! counted from the end of a range; what the last group does to columns before the range is forgotten, because these have not
+//! begun yet.
 
-use crate::hinge::Hinge;
-use crate::layout::{Layout, Passage};
+use crate::layout::{Layout, LayoutBody, Passage};
+use crate::link::Shift;
 use core::ops::Range;
-use phipsi_spatial::{Scalar, Wrench};
+use phipsi_spatial::wide::{WIDEST, Wide};
+use phipsi_spatial::{Mat3, Scalar, Transform, Turn, Vec3, Wrench};
 
-/// Columns that are moved at once.
-const GROUP: usize = 8;
+/// Where the columns of every body are.
+#[derive(Clone, Debug)]
+pub(crate) struct Places {
+    /// Place of the first column of every body.
+    first: Vec<usize>,
+    /// One past the last column outboard of it.
+    end: Vec<usize>,
+    /// True if the degrees of freedom of these columns follow each other, also in v.
+    in_order: Vec<bool>,
+    /// Degree of freedom of every place.
+    dof: Vec<usize>,
+    /// Places in all, a multiple of [`WIDEST`]; those before the first column belong to no degree of freedom.
+    pub(crate) count: usize,
+}
 
-/// Rows: moment x, y, z, force x, y, z; one entry for each degree of freedom.
+impl Places {
+    pub(crate) fn new<C: phipsi_spatial::Real>(layout: &Layout<C>) -> Self {
+        let count = layout.nv().next_multiple_of(WIDEST) + WIDEST;
+        let mut dof = vec![0; count - layout.nv()];
+        let mut first = Vec::with_capacity(layout.len());
+        for body in layout.bodies() {
+            first.push(dof.len());
+            dof.extend(body.v..body.v + body.hinge.nv());
+        }
+        let end: Vec<usize> = first.iter().zip(&layout.outboard_dofs).map(|(p, n)| p + n).collect();
+        let follow = |range: Range<usize>| dof[range].windows(2).all(|pair| pair[0] + 1 == pair[1]);
+        let in_order = first.iter().zip(&end).map(|(p, end)| follow(*p..*end)).collect();
+        Places { first, end, in_order, dof, count }
+    }
+    /// The columns of a body and of all outboard of it.
+    #[inline(always)]
+    pub(crate) fn outboard(&self, k: usize) -> Range<usize> {
+        self.first[k]..self.end[k]
+    }
+    /// True if their degrees of freedom follow each other in v.
+    #[inline(always)]
+    pub(crate) fn in_order(&self, k: usize) -> bool {
+        self.in_order[k]
+    }
+    /// Degrees of freedom of a range of columns.
+    #[inline(always)]
+    pub(crate) fn dofs(&self, range: Range<usize>) -> &[usize] {
+        &self.dof[range]
+    }
+    /// Pairs of a degree of freedom with one that is not inboard of it.
+    pub(crate) fn pairs<C: phipsi_spatial::Real>(&self, layout: &Layout<C>) -> usize {
+        (0..layout.len()).map(|k| (self.end[k] - self.first[k]) * layout.bodies()[k].hinge.nv()).sum()
+    }
+}
+
+/// Six rows of numbers, one place for each column; moment x, y, z, force x, y, z.
 #[derive(Clone, Debug)]
 pub(crate) struct Columns<T> {
-    rows: [Vec<T>; 6],
-    /// Degree of freedom of the model of every column.
-    dof: Vec<usize>,
+    numbers: Vec<T>,
     count: usize,
 }
 
 impl<T: Scalar> Columns<T> {
-    pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
-        let room = layout.nv() + GROUP;
-        Columns { rows: [(); 6].map(|()| vec![T::zero(); room]), dof: vec![0; room], count: 0 }
+    pub(crate) fn new(places: &Places) -> Self {
+        Columns { numbers: vec![T::zero(); 6 * places.count + WIDEST], count: places.count }
     }
-    pub(crate) fn clear(&mut self) {
-        self.count = 0;
-    }
-    /// Begins the column of a degree of freedom.
+    /// The rows, in cache lines of their own.
     #[inline(always)]
-    pub(crate) fn push(&mut self, dof: usize, f: Wrench<T>) {
-        let at = self.count;
+    pub(crate) fn rows(&mut self) -> Rows<'_, T> {
+        let start = self.numbers.as_ptr().align_offset(64).min(WIDEST);
+        let all = &mut self.numbers[start..start + 6 * self.count];
+        let (a, all) = all.split_at_mut(self.count);
+        let (b, all) = all.split_at_mut(self.count);
+        let (c, all) = all.split_at_mut(self.count);
+        let (d, all) = all.split_at_mut(self.count);
+        let (e, f) = all.split_at_mut(self.count);
+        let f = &mut f[..self.count];
+        Rows { rows: [a, b, c, d, e, f], count: self.count }
+    }
+}
+
+/// See [`Columns`].
+pub(crate) struct Rows<'a, T> {
+    rows: [&'a mut [T]; 6],
+    count: usize,
+}
+
+impl<T: Scalar> Rows<'_, T> {
+    /// One column.
+    #[inline(always)]
+    pub(crate) fn set(&mut self, place: usize, f: Wrench<T>) {
         for (row, x) in self.rows.iter_mut().zip(f.to_array()) {
-            row[at] = x;
-        }
-        self.dof[at] = dof;
-        self.count += 1;
-    }
-    /// The columns of body `k` and all outboard of it, when its own have just been pushed.
-    #[inline(always)]
-    pub(crate) fn outboard(&self, layout: &Layout<T::Constant>, k: usize) -> Range<usize> {
-        self.count - layout.outboard_dofs[k]..self.count
-    }
-    /// Component `i` of H f for a range of columns, with the degree of freedom of each.
-    #[inline(always)]
-    pub(crate) fn project(
-        &self,
-        hinge: &Hinge<T::Constant>,
-        i: usize,
-        range: Range<usize>,
-        mut put: impl FnMut(usize, T),
-    ) {
-        let along = &self.rows[hinge.components()[i]][range.clone()];
-        let dofs = &self.dof[range.clone()];
-        if let Hinge::Helical { pitch } = hinge {
-            let pitch = T::constant(*pitch);
-            for ((&a, &b), &dof) in along.iter().zip(&self.rows[5][range]).zip(dofs) {
-                put(dof, pitch.fma(b, a));
-            }
-        } else {
-            for (&a, &dof) in along.iter().zip(dofs) {
-                put(dof, a);
-            }
+            row[place] = x;
         }
     }
-    /// φ(p, k) of every column of a range.
+    /// Component `c` of the columns from place `at` on.
     #[inline(always)]
-    pub(crate) fn move_to_parent(&mut self, passage: Passage<'_, T>, range: Range<usize>) {
-        let mut at = range.start;
-        while at < range.end {
-            let mut group = [Wrench::zero(); GROUP];
-            let [a, b, c, d, e, f] = &self.rows;
-            let load =
-                |row: &[T]| -> [T; GROUP] { row[at..at + GROUP].try_into().unwrap_or([T::zero(); GROUP]) };
-            let (a, b, c, d, e, f) = (load(a), load(b), load(c), load(d), load(e), load(f));
-            for i in 0..GROUP {
-                let x = Wrench::from_array([a[i], b[i], c[i], d[i], e[i], f[i]]);
-                group[i] = passage.wrench_to_parent(x);
-            }
-            for (r, row) in self.rows.iter_mut().enumerate() {
-                let row = &mut row[at..at + GROUP];
-                for i in 0..GROUP {
-                    row[i] = group[i].get(r);
-                }
-            }
-            at += GROUP;
+    pub(crate) fn component<W: Wide<T>>(&self, c: usize, at: usize) -> W {
+        W::load(&self.rows[c][at..])
+    }
+    /// The columns from place `at` on.
+    #[inline(always)]
+    pub(crate) fn load<W: Wide<T>>(&self, at: usize) -> Wrench<W> {
+        let [a, b, c, d, e, f] = &self.rows;
+        let (n, end) = (self.count, at + W::COUNT);
+        Wrench::from_array([
+            W::load(&a[..n][at..end]),
+            W::load(&b[..n][at..end]),
+            W::load(&c[..n][at..end]),
+            W::load(&d[..n][at..end]),
+            W::load(&e[..n][at..end]),
+            W::load(&f[..n][at..end]),
+        ])
+    }
+    /// Writes the columns from place `at` on.
+    #[inline(always)]
+    pub(crate) fn store<W: Wide<T>>(&mut self, at: usize, x: Wrench<W>) {
+        let n = self.count;
+        for (row, x) in self.rows.iter_mut().zip(x.to_array()) {
+            x.store(&mut row[..n][at..at + W::COUNT]);
         }
     }
+}
+
+/// φ(p, k) of one body, in lanes.
+pub(crate) struct WidePassage<'a, T: Scalar, W> {
+    body: &'a LayoutBody<T::Constant>,
+    shift: Shift<W>,
+    general: Option<Transform<W>>,
+}
+
+impl<'a, T: Scalar, W: Wide<T>> WidePassage<'a, T, W> {
+    #[inline(always)]
+    pub(crate) fn new(body: &'a LayoutBody<T::Constant>, passage: Passage<'_, T>) -> Self {
+        let Turn { cos, sin } = passage.shift.turn;
+        let shift = Shift {
+            turn: Turn { cos: W::broadcast(cos), sin: W::broadcast(sin) },
+            offset: vector(passage.shift.offset),
+        };
+        let general = match passage.general {
+            Some(x) => {
+                let [a, b, c] = x.rotation.0;
+                let rotation = Mat3([vector(Vec3(a)).0, vector(Vec3(b)).0, vector(Vec3(c)).0]);
+                Some(Transform::new(rotation, vector(x.translation)))
+            }
+            None => None,
+        };
+        WidePassage { body, shift, general }
+    }
+    /// φ f.
+    #[inline(always)]
+    pub(crate) fn wrench_to_parent(&self, f: Wrench<W>) -> Wrench<W> {
+        match &self.general {
+            Some(x) => x.wrench_to_parent(f),
+            None => self.body.link.wrench_to_parent(&self.shift, f),
+        }
+    }
+    /// R x.
+    #[inline(always)]
+    pub(crate) fn vector_to_parent(&self, x: Vec3<W>) -> Vec3<W> {
+        match &self.general {
+            Some(pose) => pose.rotation * x,
+            None => self.body.link.vector_to_parent(&self.shift, x),
+        }
+    }
+}
+
+/// The same vector in every lane.
+#[inline(always)]
+pub(crate) fn vector<T: Scalar, W: Wide<T>>(v: Vec3<T>) -> Vec3<W> {
+    Vec3([W::broadcast(v.0[0]), W::broadcast(v.0[1]), W::broadcast(v.0[2])])
 }

@@ -8,8 +8,8 @@
 //! | `VELOCITY` | force of a change of velocity |
 //! | `GYROSCOPIC` | −2B* S, the weights with which rows of c see angular changes of velocity inboard: a moment only |
 
+use crate::columns::{WidePassage, vector};
 use crate::hinge::Hinge;
-use crate::innovations::broadcast;
 use crate::inverse_dynamics_derivatives::{AxisRates, DerivativeSweeps};
 use crate::layout::{GROUND, Layout, Shifts};
 use crate::side_by_side::{Places, scatter};
@@ -122,13 +122,7 @@ impl<T: Scalar> DerivativeColumns<T> {
     }
     /// φ(p, k) of columns; `drift` is −2u.
     #[inline(always)]
-    fn shift<W: Wide<T>>(
-        &mut self,
-        s: usize,
-        passage: &crate::layout::Passage<'_, W>,
-        drift: Vec3<W>,
-        at: usize,
-    ) {
+    fn shift<W: Wide<T>>(&mut self, s: usize, passage: &WidePassage<'_, T, W>, drift: Vec3<W>, at: usize) {
         let inertia = passage.wrench_to_parent(self.wrench::<W>(s, INERTIA, at));
         self.set_wrench(s, INERTIA, at, inertia);
         let turned = passage.vector_to_parent(self.vector::<W>(s, GYROSCOPIC, at));
@@ -209,12 +203,12 @@ impl<T: Scalar> DerivativeSweeps<T> {
                 columns.set_wrench(s, POSITION, first + i, position);
             }
             let passage = shifts.at(k, body);
-            let wide = passage.broadcast::<W>();
-            let drift = broadcast::<T, W>(&Wrench::new(moving.drift, Vec3::zero())).moment;
+            let wide = WidePassage::<T, W>::new(body, shifts.at(k, body));
+            let drift = vector::<T, W>(moving.drift);
             let mut at = end;
             while at > first {
                 at -= W::COUNT;
-                columns.shift(s, &wide.passage(), drift, at);
+                columns.shift(s, &wide, drift, at);
             }
             let moved = composite.shifted(&passage, moving.drift);
             self.composite[body.parent].add(&moved);

@@ -24,6 +24,13 @@ pub enum DynamicsError {
         /// The value of D.
         inertia: f64,
     },
+    /// A number of the result of one state of a batch that is not finite.
+    NotFinite {
+        /// Its index in the result.
+        index: usize,
+        /// The number.
+        found: f64,
+    },
     /// The model has a closure that these recursions do not close.
     Closure {
         /// The joint with the closure.
@@ -43,6 +50,11 @@ impl fmt::Display for DynamicsError {
                 f,
                 "joint `{joint}`, degree of freedom {component}: articulated inertia {inertia:e} is not positive; \
                  give the bodies outboard of it mass away from its axis, or make it fixed"
+            ),
+            DynamicsError::NotFinite { index, found } => write!(
+                f,
+                "number {index} of the result is {found}, but a finite number is required; look for inputs so large that \
+                 products overflow, and for masses that are zero"
             ),
             DynamicsError::Closure { joint, source } => write!(
                 f,

@@ -230,7 +230,7 @@ pub struct FormForwardDynamics {
 
 #[derive(Clone, Debug)]
 enum Kernel {
-    Plain(ForwardDynamics<f64>),
+    Plain(Box<ForwardDynamics<f64>>),
     Refined(Box<RefinedForwardDynamics<f64>>),
     SquareRoot(Box<SquareRootForwardDynamics<f64>>),
     DoubleDouble(Box<Wide>),
@@ -254,7 +254,7 @@ impl FormForwardDynamics {
     pub fn new(model: &Model, layout: &Layout<f64>, form: Form) -> Self {
         let form = if form == Form::Auto { FormChoice::of(model, layout).form } else { form };
         let kernel = match form {
-            Form::Auto | Form::Plain => Kernel::Plain(ForwardDynamics::new(layout)),
+            Form::Auto | Form::Plain => Kernel::Plain(Box::new(ForwardDynamics::new(layout))),
             Form::Refined => Kernel::Refined(Box::new(RefinedForwardDynamics::new(layout))),
             Form::SquareRoot => Kernel::SquareRoot(Box::new(SquareRootForwardDynamics::new(model, layout))),
             Form::DoubleDouble => Kernel::DoubleDouble(Box::new(Wide::new(model, layout))),

@@ -11,7 +11,7 @@
 //! | α, α⁺ | acceleration of the body, and of its inboard side φ*α(p); α(ground) = (0, −g) | paper 1 (9.12)–(9.14) |
 
 use crate::articulated_sweep::{
-    Pending, Pivot, eliminate, filter, filter_revolute, revolute_pivot, smooth, smooth_revolute, with_own,
+    Pending, Pivot, eliminate, filter, filter_revolute, revolute_pivot, smooth, smooth_revolute,
 };
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
@@ -20,8 +20,9 @@ use crate::kernel::kernel;
 use crate::kinematics::{relative, relative_revolute};
 use crate::layout::{GROUND, Layout, Shifts};
 use crate::mass_matrix::composite_inertias;
+use crate::packed::Packed;
 use num_traits::Zero;
-use phipsi_spatial::{ArticulatedInertia, Motion, Real, RigidInertia, Scalar, Vec3, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Motion, Real, RigidInertia, Scalar, SixLanes, Vec3, Wrench};
 
 /// What the first sweep leaves of a body.
 #[derive(Clone, Copy, Debug)]
@@ -34,6 +35,9 @@ struct Moving<T> {
 /// P and z of an eliminated body, moved to its parent.
 type Moved<T> = (ArticulatedInertia<T>, Wrench<T>);
 
+/// Packed six-vectors of what kernels on `T` compute with.
+type Six<T> = <<T as Scalar>::Arithmetic as Scalar>::Six;
+
 /// Workspace of forward dynamics.
 #[derive(Clone, Debug)]
 pub struct ForwardDynamics<T: Scalar> {
@@ -41,6 +45,7 @@ pub struct ForwardDynamics<T: Scalar> {
     moving: Vec<Moving<T::Arithmetic>>,
     pub(crate) pivots: Vec<Pivot<T::Arithmetic>>,
     pending: Pending<Moved<T::Arithmetic>>,
+    packed: Pending<Packed<Six<T>>>,
     /// α of bodies with several children.
     alpha: Vec<Motion<T::Arithmetic>>,
     /// Minus the external wrenches, where there are any.
@@ -56,6 +61,7 @@ impl<T: Scalar> ForwardDynamics<T> {
             moving: vec![Moving { omega: Vec3::zero(), coriolis: Motion::zero() }; n],
             pivots: vec![Pivot::empty(); layout.nv()],
             pending: Pending::new(layout, zero),
+            packed: Pending::new(layout, Packed::zero::<T::Arithmetic>()),
             alpha: vec![Motion::zero(); n],
             loads: vec![Wrench::zero(); n],
         }
@@ -168,32 +174,43 @@ impl<T: Scalar> ForwardDynamics<T> {
     ) -> Result<(), DynamicsError> {
         self.pending.clear();
         let mut hand = (ArticulatedInertia::zero(), Wrench::zero());
-        let n = layout.bodies.len();
-        for k in (0..n).rev() {
-            let body = &layout.bodies[k];
-            let Moving { omega, coriolis } = self.moving[k];
-            let outboard = self.pending.gather(body, &hand, |a, b| (a.0 + b.0, a.1 + b.1));
-            let P = with_own(body, outboard.map(|x| x.0));
-            let mut z = RigidInertia::constant(&body.inertia).gyroscopic(omega);
-            if let Some((_, force)) = outboard {
-                z += force;
-            }
+        let (bodies, n) = (&layout.bodies[..], layout.bodies.len());
+        let moving = &self.moving[..n];
+        for (k, body) in bodies.iter().enumerate().rev() {
+            let Moving { omega, coriolis } = moving[k];
+            let M = RigidInertia::constant(&body.inertia);
+            let mut z = M.gyroscopic(omega);
             if loaded {
                 z += self.loads[k];
             }
+            if body.children > 1 {
+                self.pending.gather(body, &mut hand, |sum, x| {
+                    sum.0 = sum.0 + x.0;
+                    sum.1 += x.1;
+                });
+            }
+            // A tip starts with nothing in hand.
+            z += hand.1;
+            let P = hand.0.plus_rigid(&M);
+            hand = (ArticulatedInertia::zero(), Wrench::zero());
             if let Hinge::Revolute = body.hinge {
-                if body.parent != GROUND {
-                    z += revolute_coriolis_force(&P, coriolis);
-                }
-                let pivot = revolute_pivot(&P).map_err(|(i, D)| layout.singular(body.v + i, D))?;
+                let pivot = match revolute_pivot(&P) {
+                    Ok(pivot) => pivot,
+                    Err((i, D)) => return Err(layout.singular(body.v + i, D)),
+                };
                 self.pivots[body.v] = pivot;
-                residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
-                if body.parent != GROUND {
-                    let turn = self.shifts.turn(k);
-                    let moved = body.link.eliminated_to_parent(turn, &P, &pivot.gain);
-                    let z = body.link.wrench_to_parent(&body.link.hinged(turn), z);
-                    self.pending.give(k, body, &mut hand, (moved, z));
+                if body.parent == GROUND {
+                    residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
+                    continue;
                 }
+                z += revolute_coriolis_force(&P, coriolis);
+                residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
+                let turn = self.shifts.turn(k);
+                let moved = (
+                    body.link.eliminated_to_parent(turn, &P, &pivot.gain),
+                    body.link.wrench_to_parent(&body.link.hinged(turn), z),
+                );
+                self.pending.give(k, body, &mut hand, moved);
                 continue;
             }
             if body.parent != GROUND {
@@ -207,6 +224,82 @@ impl<T: Scalar> ForwardDynamics<T> {
             filter(&body.hinge, pivots, &mut z, &mut residuals[dofs]);
             if body.parent != GROUND {
                 self.pending.give(k, body, &mut hand, (moved, passage.wrench_to_parent(z)));
+            }
+        }
+        Ok(())
+    }
+
+    /// [`Self::sweep_inboard`] with the six-vectors of the state in lanes.
+    #[inline(always)]
+    fn sweep_inboard_packed(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        loaded: bool,
+        residuals: &mut [T::Arithmetic],
+    ) -> Result<(), DynamicsError> {
+        self.packed.clear();
+        let mut hand: Packed<Six<T>> = Packed::zero::<T::Arithmetic>();
+        let (bodies, n) = (&layout.bodies[..], layout.bodies.len());
+        let (moving, rigid) = (&self.moving[..n], &layout.rigid[..n]);
+        for (k, body) in bodies.iter().enumerate().rev() {
+            let Moving { omega, coriolis } = &moving[k];
+            if body.children > 1 {
+                self.packed.gather(body, &mut hand, |sum, x| sum.add::<T::Arithmetic>(x));
+            }
+            hand.add_body(&rigid[k], *omega);
+            if let Hinge::Revolute = body.hinge {
+                if loaded {
+                    hand.z = hand.z + Packed::lanes(&self.loads[k]);
+                }
+                if body.parent != GROUND {
+                    hand.add_coriolis(coriolis);
+                }
+                match hand.eliminate_revolute(residuals[body.v]) {
+                    Ok((pivot, nu)) => (self.pivots[body.v], residuals[body.v]) = (pivot, nu),
+                    Err(D) => return Err(layout.singular(body.v, D)),
+                }
+                let moved = if body.parent == GROUND {
+                    Packed::zero::<T::Arithmetic>()
+                } else {
+                    hand.moved::<_, true>(&body.link, &body.link.hinged(self.shifts.turn(k)))
+                };
+                hand = Packed::zero::<T::Arithmetic>();
+                self.packed.give(k, body, &mut hand, moved);
+                continue;
+            }
+            if let Hinge::Prismatic = body.hinge
+                && body.parent != GROUND
+            {
+                if loaded {
+                    hand.z = hand.z + Packed::lanes(&self.loads[k]);
+                }
+                hand.add_acceleration(coriolis);
+                match hand.eliminate_prismatic(residuals[body.v]) {
+                    Ok((pivot, nu)) => (self.pivots[body.v], residuals[body.v]) = (pivot, nu),
+                    Err(D) => return Err(layout.singular(body.v, D)),
+                }
+                let moved = hand.moved::<_, false>(&body.link, &self.shifts.all()[k]);
+                hand = Packed::zero::<T::Arithmetic>();
+                self.packed.give(k, body, &mut hand, moved);
+                continue;
+            }
+            let (P, mut z) = hand.unpack();
+            if loaded {
+                z += self.loads[k];
+            }
+            if body.parent != GROUND {
+                z += P.times(*coriolis);
+            }
+            let dofs = body.v..body.v + body.hinge.nv();
+            let pivots = &mut self.pivots[dofs.clone()];
+            let passage = self.shifts.at(k, body);
+            let moved =
+                eliminate(body, passage, P, pivots).map_err(|(i, D)| layout.singular(body.v + i, D))?;
+            filter(&body.hinge, pivots, &mut z, &mut residuals[dofs]);
+            hand = Packed::zero::<T::Arithmetic>();
+            if body.parent != GROUND {
+                let moved = Packed::pack(&moved, &passage.wrench_to_parent(z));
+                self.packed.give(k, body, &mut hand, moved);
             }
         }
         Ok(())
@@ -264,7 +357,13 @@ kernel! {
         out: &'a mut [T::Arithmetic],
     } -> Result<(), DynamicsError> {
         work.sweep_velocities(layout, q, v);
-        work.sweep_inboard(layout, loaded, out)?;
+        // Lone states only: every state of a batch takes the steps that lanes take, for the same bits.
+        let lone = core::any::TypeId::of::<T>() != core::any::TypeId::of::<T::Arithmetic>();
+        if lone && Six::<T>::is_fast() {
+            work.sweep_inboard_packed(layout, loaded, out)?;
+        } else {
+            work.sweep_inboard(layout, loaded, out)?;
+        }
         work.sweep_outboard(layout, v, turning, out);
         Ok(())
     }

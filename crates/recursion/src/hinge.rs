@@ -190,6 +190,12 @@ impl<C: Copy> Hinge<C> {
     }
 }
 
+/// A vector, given its components along three axes.
+#[inline(always)]
+pub(crate) fn combine<T: Scalar>([x, y, z]: &[Vec3<T>; 3], v: Vec3<T>) -> Vec3<T> {
+    x.scale_add(v.0[0], y.scale_add(v.0[1], z.scale(v.0[2])))
+}
+
 /// A frame turned by q about its own z axis.
 #[inline(always)]
 fn turned<T: Scalar>(x: &Transform<T>, q: T) -> Transform<T> {

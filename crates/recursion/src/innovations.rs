@@ -11,6 +11,7 @@
 //! where heavy bodies hang on light ones.
 
 use crate::articulated_sweep::{ArticulatedSweep, Pivot};
+use crate::columns::{WidePassage, vector};
 use crate::error::DynamicsError;
 use crate::hinge::Hinge;
 use crate::layout::{GROUND, Layout, Shifts};
@@ -83,7 +84,7 @@ impl<T: Scalar> Innovations<T> {
                 let Pivot { gain, inverse } = pivots[body.v + i];
                 let row = (first + i) * s;
                 self.inverse[first + i] = inverse;
-                let wide = broadcast::<T, W>(&gain);
+                let wide = Wrench::new(vector::<T, W>(gain.moment), vector(gain.force));
                 let mut at = end;
                 while at > inner {
                     at -= W::COUNT;
@@ -119,12 +120,11 @@ impl<T: Scalar> Innovations<T> {
                 }
             }
             if body.parent != GROUND {
-                let passage = shifts.at(k, body);
-                let wide = passage.broadcast::<W>();
+                let passage = WidePassage::<T, W>::new(body, shifts.at(k, body));
                 let mut at = end;
                 while at > first {
                     at -= W::COUNT;
-                    let z = wide.passage().wrench_to_parent(self.column::<W>(at));
+                    let z = passage.wrench_to_parent(self.column::<W>(at));
                     self.set_column(at, z);
                 }
             }
@@ -210,16 +210,6 @@ impl<T: Scalar> Innovations<T> {
         }
         places.mirror(out);
     }
-}
-
-/// The same wrench for every column.
-#[inline(always)]
-pub(crate) fn broadcast<T: Scalar, W: Wide<T>>(f: &Wrench<T>) -> Wrench<W> {
-    let (m, f) = (f.moment.0, f.force.0);
-    Wrench::new(
-        Vec3([W::broadcast(m[0]), W::broadcast(m[1]), W::broadcast(m[2])]),
-        Vec3([W::broadcast(f[0]), W::broadcast(f[1]), W::broadcast(f[2])]),
-    )
 }
 
 /// z += x g.

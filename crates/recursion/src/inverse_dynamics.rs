@@ -132,7 +132,7 @@ impl<T: Scalar> InverseDynamics<T> {
         for k in (0..n).rev() {
             let body = &layout.bodies[k];
             let own = self.force[k];
-            let mut f = self.pending.gather(body, &hand, |a, b| a + b).map_or(own, |f| f + own);
+            let mut f = self.pending.all(body, &mut hand, |a, b| *a += *b).map_or(own, |f| f + own);
             if loaded {
                 f += self.loads[k];
             }

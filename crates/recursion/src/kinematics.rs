@@ -12,8 +12,9 @@
 
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
+use crate::kernel::kernel;
 use crate::layout::{GROUND, Layout};
-use phipsi_spatial::{Motion, Scalar, Transform, Vec3};
+use phipsi_spatial::{Mat3, Motion, Scalar, Transform, Vec3};
 
 /// a(k) of a body with pose `x` in its parent, whose angular velocity is `inboard` in the parent's axes and `own` in the
 /// child's; `joint` is H* v, and `own` = Rᵀ `inboard` + δω.
@@ -99,6 +100,7 @@ impl<T: Scalar> Kinematics<T> {
     ///
     /// # Errors
     /// [`DynamicsError::Shape`].
+    #[inline(always)]
     pub fn set_position(&mut self, layout: &Layout<T::Constant>, q: &[T]) -> Result<(), DynamicsError> {
         check_length("q", q, layout.nq())?;
         for (k, body) in layout.bodies.iter().enumerate() {
@@ -115,6 +117,7 @@ impl<T: Scalar> Kinematics<T> {
     ///
     /// # Errors
     /// [`DynamicsError::Shape`].
+    #[inline(always)]
     pub fn set_velocity(&mut self, layout: &Layout<T::Constant>, v: &[T]) -> Result<(), DynamicsError> {
         check_length("v", v, layout.nv())?;
         for (k, body) in layout.bodies.iter().enumerate() {
@@ -131,6 +134,7 @@ impl<T: Scalar> Kinematics<T> {
     ///
     /// # Errors
     /// [`DynamicsError::Shape`].
+    #[inline(always)]
     pub fn set_acceleration(
         &mut self,
         layout: &Layout<T::Constant>,
@@ -154,6 +158,7 @@ impl<T: Scalar> Kinematics<T> {
         Ok(())
     }
     /// World pose of body `body` of the model (`None`: the world).
+    #[inline(always)]
     pub fn pose(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Transform<T> {
         let Some(body) = body else { return Transform::identity() };
         let carrier = &layout.carriers[body];
@@ -161,6 +166,7 @@ impl<T: Scalar> Kinematics<T> {
         if carrier.body == GROUND { local } else { self.world[carrier.body].compose(&local) }
     }
     /// Velocity of a body of the model, in its own axes at its own origin.
+    #[inline(always)]
     pub fn velocity_in_body(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Motion<T> {
         match body.map(|b| &layout.carriers[b]) {
             Some(c) if c.body != GROUND => {
@@ -170,18 +176,21 @@ impl<T: Scalar> Kinematics<T> {
         }
     }
     /// (ω, velocity of the origin) of a body of the model, world axes.
+    #[inline(always)]
     pub fn velocity(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Motion<T> {
         let v = self.velocity_in_body(layout, body);
         let r = self.pose(layout, body).rotation;
         Motion::new(r * v.angular, r * v.linear)
     }
     /// The papers' α of a body of the model, world axes: inertial rates of ω and of the velocity of its origin.
+    #[inline(always)]
     pub fn acceleration(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Motion<T> {
         let a = self.acceleration_in_body(layout, body);
         let r = self.pose(layout, body).rotation;
         Motion::new(r * a.angular, r * a.linear)
     }
     /// α of a body of the model, in its own axes.
+    #[inline(always)]
     pub fn acceleration_in_body(&self, layout: &Layout<T::Constant>, body: Option<usize>) -> Motion<T> {
         match body.map(|b| &layout.carriers[b]) {
             Some(c) if c.body != GROUND => {
@@ -210,14 +219,31 @@ pub fn body_pose<T: Scalar>(
 ) -> Result<Transform<T>, DynamicsError> {
     check_length("q", q, layout.nq())?;
     let Some(body) = body else { return Ok(Transform::identity()) };
-    let carrier = &layout.carriers[body];
-    let (mut pose, mut k) = (Transform::constant(&carrier.pose), carrier.body);
-    while k != GROUND {
-        let b = &layout.bodies[k];
-        pose = b.pose(q).compose(&pose);
-        k = b.parent;
+    let pose = T::Arithmetic::dispatch(PosePath::<T> { layout, q: T::arithmetic(q), body });
+    let ([a, b, c], back) = (pose.rotation.0, plain::<T>);
+    Ok(Transform::new(Mat3([back(a), back(b), back(c)]), Vec3(back(pose.translation.0))))
+}
+
+#[inline(always)]
+fn plain<T: Scalar>([x, y, z]: [T::Arithmetic; 3]) -> [T; 3] {
+    [T::from_arithmetic(x), T::from_arithmetic(y), T::from_arithmetic(z)]
+}
+
+kernel! {
+    PosePath<'a, T> {
+        layout: &'a Layout<T::Constant>,
+        q: &'a [T::Arithmetic],
+        body: usize,
+    } -> Transform<T::Arithmetic> {
+        let carrier = &layout.carriers[body];
+        let (mut pose, mut k) = (Transform::constant(&carrier.pose), carrier.body);
+        while k != GROUND {
+            let b = &layout.bodies[k];
+            pose = b.pose(q).compose(&pose);
+            k = b.parent;
+        }
+        pose
     }
-    Ok(pose)
 }
 
 /// (ω, velocity of the origin) of one body of the model, world axes. `q`: nq, `v`: nv. Cost O(depth), no allocation.
@@ -233,20 +259,28 @@ pub fn body_velocity<T: Scalar>(
     check_length("q", q, layout.nq())?;
     check_length("v", v, layout.nv())?;
     let Some(body) = body else { return Ok(Motion::zero()) };
-    let carrier = &layout.carriers[body];
-    // `pose`: the body in the frame of its ancestor k, so that no distance to the world's origin enters.
-    let (mut pose, mut k) = (Transform::constant(&carrier.pose), carrier.body);
-    let mut velocity = Motion::zero();
-    while k != GROUND {
-        let b = &layout.bodies[k];
-        velocity += pose.motion_to_child(b.hinge.expand(&v[b.v..]));
-        pose = b.pose(q).compose(&pose);
-        k = b.parent;
-    }
-    Ok(Motion::new(pose.rotation * velocity.angular, pose.rotation * velocity.linear))
+    let (q, v) = (T::arithmetic(q), T::arithmetic(v));
+    let velocity = T::Arithmetic::dispatch(VelocityPath::<T> { layout, q, v, body });
+    Ok(Motion::new(Vec3(plain::<T>(velocity.angular.0)), Vec3(plain::<T>(velocity.linear.0))))
 }
 
-/// World point given in a body's frame.
-pub(crate) fn point_in_body<T: Scalar>(point: Option<Vec3<T>>) -> Transform<T> {
-    Transform::new(phipsi_spatial::Mat3::identity(), point.unwrap_or(Vec3::zero()))
+kernel! {
+    VelocityPath<'a, T> {
+        layout: &'a Layout<T::Constant>,
+        q: &'a [T::Arithmetic],
+        v: &'a [T::Arithmetic],
+        body: usize,
+    } -> Motion<T::Arithmetic> {
+        let carrier = &layout.carriers[body];
+        // `pose`: the body in the frame of its ancestor k, so that no distance to the world's origin enters.
+        let (mut pose, mut k) = (Transform::constant(&carrier.pose), carrier.body);
+        let mut velocity = Motion::zero();
+        while k != GROUND {
+            let b = &layout.bodies[k];
+            velocity += pose.motion_to_child(b.hinge.expand(&v[b.v..]));
+            pose = b.pose(q).compose(&pose);
+            k = b.parent;
+        }
+        Motion::new(pose.rotation * velocity.angular, pose.rotation * velocity.linear)
+    }
 }

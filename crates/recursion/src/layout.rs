@@ -10,11 +10,12 @@
 //! a stack of at most log₂ n entries.
 
 use crate::error::DynamicsError;
-use crate::hinge::Hinge;
+use crate::hinge::{Hinge, combine};
+use crate::kernel::kernel;
 use crate::link::{Link, Shift};
 use phipsi_model::joint::rotation_from_z;
 use phipsi_model::{JointKind, Model};
-use phipsi_spatial::wide::Wide;
+use phipsi_spatial::six_lanes::{RigidEntries, rigid_entries};
 use phipsi_spatial::{Axis, Mat3, Motion, Real, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench};
 
 /// Marks the ground as a parent or carrier.
@@ -47,6 +48,16 @@ impl<C: Real> LayoutBody<C> {
     pub fn pose<T: Scalar<Constant = C>>(&self, q: &[T]) -> Transform<T> {
         let (shift, general) = self.link.at(&self.hinge, &q[self.q..]);
         general.unwrap_or_else(|| self.link.pose(&shift))
+    }
+    /// The parent's axes, in any frame, turned into the body's; and the body's origin from the parent's, there.
+    #[inline(always)]
+    pub(crate) fn axes_to_child<T: Scalar<Constant = C>>(
+        &self,
+        q: &[T],
+        axes: [Vec3<T>; 3],
+    ) -> ([Vec3<T>; 3], Vec3<T>) {
+        let (shift, general) = self.link.at(&self.hinge, &q[self.q..]);
+        Passage { body: self, shift: &shift, general: general.as_ref() }.axes_to_child(axes)
     }
     /// Pose of the joint frame in the parent's frame: the body's pose at q = 0.
     pub fn placement(&self) -> Transform<C> {
@@ -139,24 +150,18 @@ impl<T: Scalar> Shifts<T> {
 pub(crate) struct Passage<'a, T: Scalar> {
     body: &'a LayoutBody<T::Constant>,
     pub(crate) shift: &'a Shift<T>,
-    general: Option<&'a Transform<T>>,
-}
-
-/// φ(p, k) of one body in every column of a register.
-pub(crate) struct Broadcast<'a, W: Scalar> {
-    body: &'a LayoutBody<W::Constant>,
-    shift: Shift<W>,
-    general: Option<Transform<W>>,
-}
-
-impl<W: Scalar> Broadcast<'_, W> {
-    #[inline(always)]
-    pub(crate) fn passage(&self) -> Passage<'_, W> {
-        Passage { body: self.body, shift: &self.shift, general: self.general.as_ref() }
-    }
+    pub(crate) general: Option<&'a Transform<T>>,
 }
 
 impl<T: Scalar> Passage<'_, T> {
+    /// The pose of the body in its parent.
+    #[inline(always)]
+    pub(crate) fn pose(&self) -> Transform<T> {
+        match self.general {
+            Some(x) => *x,
+            None => self.body.link.pose(self.shift),
+        }
+    }
     /// φ f.
     #[inline(always)]
     pub(crate) fn wrench_to_parent(&self, f: Wrench<T>) -> Wrench<T> {
@@ -189,25 +194,6 @@ impl<T: Scalar> Passage<'_, T> {
             None => self.body.link.translation(self.shift),
         }
     }
-    /// For several columns side by side, see [`Broadcast`].
-    #[inline(always)]
-    pub(crate) fn broadcast<W: Wide<T>>(&self) -> Broadcast<'_, W> {
-        let general = match self.general {
-            Some(pose) => {
-                let (r, t) = (&pose.rotation.0, pose.translation.0);
-                let mut wide = Transform::<W>::identity();
-                for i in 0..3 {
-                    wide.translation.0[i] = W::broadcast(t[i]);
-                    for j in 0..3 {
-                        wide.rotation.0[i][j] = W::broadcast(r[i][j]);
-                    }
-                }
-                Some(wide)
-            }
-            None => None,
-        };
-        Broadcast { body: self.body, shift: self.shift.broadcast(), general }
-    }
     /// φ* V.
     #[inline(always)]
     pub(crate) fn motion_to_child(&self, v: Motion<T>) -> Motion<T> {
@@ -237,6 +223,21 @@ impl<T: Scalar> Passage<'_, T> {
             Some(x) => x.articulated_to_parent(P),
             None => self.body.link.articulated_to_parent(self.shift, P),
         }
+    }
+    /// φ M φ* + `own`.
+    #[inline(always)]
+    pub(crate) fn rigid_onto_parent(&self, M: &RigidInertia<T>, own: &RigidInertia<T>) -> RigidInertia<T> {
+        match self.general {
+            Some(x) => x.rigid_to_parent(M) + *own,
+            None => self.body.link.rigid_onto_parent(self.shift, M, own),
+        }
+    }
+    /// The parent's axes, in any frame, turned into the body's; and the body's origin from the parent's, there.
+    #[inline(always)]
+    pub(crate) fn axes_to_child(&self, axes: [Vec3<T>; 3]) -> ([Vec3<T>; 3], Vec3<T>) {
+        let Some(x) = self.general else { return self.body.link.axes_to_child(self.shift, axes) };
+        let [a, b, c] = [0, 1, 2].map(|i| x.rotation.column(i));
+        ([combine(&axes, a), combine(&axes, b), combine(&axes, c)], combine(&axes, x.translation))
     }
     /// φ M φ*.
     #[inline(always)]
@@ -268,6 +269,8 @@ pub struct Layout<C = f64> {
     pub(crate) waiting: usize,
     /// Degrees of freedom of every body and all outboard of it.
     pub(crate) outboard_dofs: Vec<usize>,
+    /// Inertias of the bodies, for steps on packed six-vectors.
+    pub(crate) rigid: Vec<RigidEntries<C>>,
     pub(crate) gravity: Vec3<C>,
     nq: usize,
     nv: usize,
@@ -325,6 +328,7 @@ impl<C: Real> Layout<C> {
             .refused_closure()
             .map(|c| DynamicsError::Closure { joint: c.joint.clone(), source: c.source.clone() });
         let (bodies, waiting) = arrange(&bodies, &mut carriers);
+        let rigid = bodies.iter().map(|b| rigid_entries(&b.inertia)).collect();
         let mut outboard_dofs: Vec<usize> = bodies.iter().map(|b| b.hinge.nv()).collect();
         for (k, body) in bodies.iter().enumerate().rev() {
             if body.parent != GROUND {
@@ -336,6 +340,7 @@ impl<C: Real> Layout<C> {
             carriers,
             waiting,
             outboard_dofs,
+            rigid,
             gravity: Vec3::splat(model.gravity()),
             nq: model.nq(),
             nv: model.nv(),
@@ -400,8 +405,18 @@ impl<C: Real> Layout<C> {
         wrenches: &[Wrench<T>],
         loads: &mut [Wrench<T::Arithmetic>],
     ) {
-        loads.iter_mut().for_each(|w| *w = Wrench::zero());
-        for (carrier, wrench) in self.carriers.iter().zip(wrenches) {
+        T::Arithmetic::dispatch(GatherLoads::<T> { layout: self, wrenches, loads });
+    }
+}
+
+kernel! {
+    GatherLoads<'a, T> {
+        layout: &'a Layout<T::Constant>,
+        wrenches: &'a [Wrench<T>],
+        loads: &'a mut [Wrench<T::Arithmetic>],
+    } -> () {
+        loads.fill(Wrench::zero());
+        for (carrier, wrench) in layout.carriers.iter().zip(wrenches) {
             if carrier.body != GROUND {
                 let wrench = wrench.map(T::to_arithmetic);
                 loads[carrier.body] -= Transform::constant(&carrier.pose).wrench_to_parent(wrench);

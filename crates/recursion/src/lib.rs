@@ -47,12 +47,13 @@ mod link;
 pub mod mass_matrix;
 pub mod mass_matrix_inverse;
 pub mod momentum;
+mod packed;
 pub mod refined_forward_dynamics;
 mod side_by_side;
 pub mod square_root_forward_dynamics;
 
 pub use articulated_sweep::ArticulatedSweep;
-pub use energy::{center_of_mass, kinetic_energy, potential_energy};
+pub use energy::{CenterOfMass, KineticEnergy, center_of_mass, kinetic_energy, potential_energy};
 pub use error::DynamicsError;
 pub use form::{Form, FormChoice, FormForwardDynamics};
 pub use forward_dynamics::{ForwardDynamics, ForwardInfo, WorstHinge, forward_dynamics, forward_info};
@@ -63,12 +64,14 @@ pub use inverse_dynamics::{
     InverseDynamics, bias_forces, gravity_forces, inverse_dynamics, multiply_by_mass_matrix,
 };
 pub use inverse_dynamics_derivatives::{InverseDynamicsDerivatives, inverse_dynamics_derivatives};
-pub use jacobian::jacobian;
-pub use joint_reactions::joint_reactions;
+pub use jacobian::{Jacobian, jacobian};
+pub use joint_reactions::{JointReactions, joint_reactions};
 pub use kinematics::{Kinematics, body_pose, body_velocity};
 pub use layout::Layout;
 pub use mass_matrix::{MassMatrix, mass_matrix};
-pub use mass_matrix_inverse::{mass_matrix_inverse, solve_mass_matrix};
-pub use momentum::{About, centroidal_momentum_matrix, momentum};
+pub use mass_matrix_inverse::{
+    MassMatrixInverse, MassMatrixSolution, mass_matrix_inverse, solve_mass_matrix,
+};
+pub use momentum::{About, CentroidalMomentumMatrix, Momentum, centroidal_momentum_matrix, momentum};
 pub use refined_forward_dynamics::{RefinedForwardDynamics, refined_forward_dynamics};
 pub use square_root_forward_dynamics::{SquareRootForwardDynamics, square_root_forward_dynamics};

@@ -11,7 +11,6 @@
 
 use crate::hinge::Hinge;
 use phipsi_spatial::turn::{shift_coupling, shift_inertia};
-use phipsi_spatial::wide::Wide;
 use phipsi_spatial::{
     ArticulatedInertia, Axis, Mat3, Motion, Quaternion, Real, RigidInertia, Scalar, Sym3, Transform, Turn,
     Vec3, Wrench,
@@ -47,7 +46,7 @@ pub struct Shift<T> {
     /// Z(q + θ₁).
     pub(crate) turn: Turn<T>,
     /// l with what the joint displaces.
-    offset: Vec3<T>,
+    pub(crate) offset: Vec3<T>,
 }
 
 impl<T: Scalar> Shift<T> {
@@ -55,13 +54,6 @@ impl<T: Scalar> Shift<T> {
     #[inline(always)]
     pub fn identity() -> Self {
         Shift { turn: Turn::none(), offset: Vec3::zero() }
-    }
-    /// The same for several columns side by side.
-    #[inline(always)]
-    pub(crate) fn broadcast<W: Wide<T>>(&self) -> Shift<W> {
-        let (turn, l) = (self.turn, self.offset.0);
-        let offset = Vec3([W::broadcast(l[0]), W::broadcast(l[1]), W::broadcast(l[2])]);
-        Shift { turn: Turn { cos: W::broadcast(turn.cos), sin: W::broadcast(turn.sin) }, offset }
     }
 }
 
@@ -133,6 +125,16 @@ impl<C: Real> Link<C> {
         let columns = [0, 1, 2].map(|i| self.vector_up(self.last, Vec3::unit(i)));
         let all = columns.map(|c| self.first_up(c));
         Transform::new(Mat3::from_columns(all[0], all[1], all[2]), self.first_up(self.offset))
+    }
+    /// X(α).
+    #[inline(always)]
+    pub(crate) fn twist<T: Scalar<Constant = C>>(&self) -> Turn<T> {
+        Turn::constant(&self.twist)
+    }
+    /// Z(θ₀) where it turns.
+    #[inline(always)]
+    pub(crate) fn first_turn<T: Scalar<Constant = C>>(&self) -> Option<Turn<T>> {
+        if self.has_first { Some(Turn::constant(&self.first)) } else { None }
     }
     /// The link at q = 0: what a hinge about z keeps of it at all angles is the offset.
     pub(crate) fn at_rest<T: Scalar<Constant = C>>(&self) -> Shift<T> {
@@ -373,6 +375,55 @@ impl<C: Real> Link<C> {
     fn first_articulated<T: Scalar<Constant = C>>(&self, P: ArticulatedInertia<T>) -> ArticulatedInertia<T> {
         if self.has_first { Turn::constant(&self.first).articulated_up(Axis::Z, &P) } else { P }
     }
+    /// φ(p, k) M φ*(p, k) + `own`.
+    #[inline(always)]
+    pub(crate) fn rigid_onto_parent<T: Scalar<Constant = C>>(
+        &self,
+        shift: &Shift<T>,
+        M: &RigidInertia<T>,
+        own: &RigidInertia<T>,
+    ) -> RigidInertia<T> {
+        if self.has_first {
+            return self.rigid_to_parent(shift, M) + *own;
+        }
+        self.twisted_rigid(shift, M).shifted_onto(shift.offset, own)
+    }
+    /// Three axes of the parent, in any frame, turned into the body's; and the body's origin from the parent's, there.
+    #[inline(always)]
+    pub(crate) fn axes_to_child<T: Scalar<Constant = C>>(
+        &self,
+        shift: &Shift<T>,
+        axes: [Vec3<T>; 3],
+    ) -> ([Vec3<T>; 3], Vec3<T>) {
+        let [mut x, mut y, mut z] = axes;
+        if self.has_first {
+            (x, y) = turned(Turn::constant(&self.first), x, y);
+        }
+        let [a, b, c] = shift.offset.0;
+        let origin = x.scale_add(a, y.scale_add(b, z.scale(c)));
+        match self.shape {
+            Twist::Straight => {}
+            Twist::Quarter => (y, z) = (z, -y),
+            Twist::BackQuarter => (y, z) = (-z, y),
+            Twist::Oblique => (y, z) = turned(Turn::constant(&self.twist), y, z),
+        }
+        (x, y) = turned(shift.turn, x, y);
+        ([x, y, z], origin)
+    }
+    /// M in axes after Z(θ₀), about the body's origin.
+    #[inline(always)]
+    fn twisted_rigid<T: Scalar<Constant = C>>(
+        &self,
+        shift: &Shift<T>,
+        M: &RigidInertia<T>,
+    ) -> RigidInertia<T> {
+        let turned = shift.turn.rigid_up(Axis::Z, M);
+        RigidInertia {
+            mass: turned.mass,
+            first_moment: self.twist_up(turned.first_moment),
+            inertia: self.twist_symmetric(&turned.inertia),
+        }
+    }
     /// φ(p, k) M φ*(p, k).
     #[inline(always)]
     pub(crate) fn rigid_to_parent<T: Scalar<Constant = C>>(
@@ -380,15 +431,15 @@ impl<C: Real> Link<C> {
         shift: &Shift<T>,
         M: &RigidInertia<T>,
     ) -> RigidInertia<T> {
-        let turned = shift.turn.rigid_up(Axis::Z, M);
-        let twisted = RigidInertia {
-            mass: turned.mass,
-            first_moment: self.twist_up(turned.first_moment),
-            inertia: self.twist_symmetric(&turned.inertia),
-        };
-        let shifted = twisted.shifted(shift.offset);
+        let shifted = self.twisted_rigid(shift, M).shifted(shift.offset);
         if self.has_first { Turn::constant(&self.first).rigid_up(Axis::Z, &shifted) } else { shifted }
     }
+}
+
+/// Two axes turned in their plane.
+#[inline(always)]
+fn turned<T: Scalar>(turn: Turn<T>, a: Vec3<T>, b: Vec3<T>) -> (Vec3<T>, Vec3<T>) {
+    (a.scale_add(turn.cos, b.scale(turn.sin)), b.scale_add(turn.cos, a.scale(-turn.sin)))
 }
 
 /// (c, s) of length one.

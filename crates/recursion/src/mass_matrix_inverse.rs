@@ -1,73 +1,116 @@
 //! M⁻¹ as a full matrix and as an O(n) product.
 //!
-//! Column i of M⁻¹ is the acceleration of a unit force at degree of freedom i: the filter of
-//! [`crate::ArticulatedSweep`] runs only along the path from i to the base, the smoother over all bodies
-//! (the element-wise form is Lemma 13 of paper 1, corrected in soa.md 3.3).
+//! M⁻¹ = L* D⁻¹ L with the innovations operator L = I − HψK of [`crate::innovations`], whose entries are gains moved inward
+//! (the element-wise form is Lemma 13 of paper 1, corrected in soa.md 3.3). M itself is never formed.
 
-use crate::articulated_sweep::{ArticulatedSweep, SolveWorkspace, filter, smooth};
+use crate::articulated_sweep::{ArticulatedSweep, SolveWorkspace};
 use crate::error::{DynamicsError, check_length};
-use crate::layout::{GROUND, Layout};
-use num_traits::{One, Zero};
-use phipsi_spatial::{Motion, Scalar, Wrench};
+use crate::innovations::Innovations;
+use crate::layout::Layout;
+use phipsi_spatial::Scalar;
+use phipsi_spatial::wide::{Wide, WideKernel};
 
-/// M⁻¹ x in O(n). `q`: nq; `x`: nv.
+/// Workspace of the solution with the mass matrix.
+#[derive(Clone, Debug)]
+pub struct MassMatrixSolution<T: Scalar> {
+    sweep: ArticulatedSweep<T>,
+    workspace: SolveWorkspace<T>,
+}
+
+impl<T: Scalar> MassMatrixSolution<T> {
+    /// A workspace for a layout.
+    pub fn new(layout: &Layout<T::Constant>) -> Self {
+        MassMatrixSolution { sweep: ArticulatedSweep::empty(layout), workspace: SolveWorkspace::new(layout) }
+    }
+    /// M⁻¹ x. `q`: nq; `x`, `out`: nv. Cost O(n), no allocation.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Shape`]; otherwise those of [`ArticulatedSweep::new`].
+    pub fn run(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        q: &[T],
+        x: &[T],
+        out: &mut [T],
+    ) -> Result<(), DynamicsError> {
+        layout.check_tree()?;
+        check_length("x", x, layout.nv())?;
+        check_length("out", out, layout.nv())?;
+        self.sweep.update(layout, q)?;
+        out.copy_from_slice(x);
+        self.sweep.solve_in_place(layout, out, &mut self.workspace);
+        Ok(())
+    }
+}
+
+/// [`MassMatrixSolution::run`] for a single call.
 ///
 /// # Errors
-/// [`DynamicsError::Shape`]; otherwise those of [`ArticulatedSweep::new`].
+/// As there.
 pub fn solve_mass_matrix<T: Scalar>(
     layout: &Layout<T::Constant>,
     q: &[T],
     x: &[T],
 ) -> Result<Vec<T>, DynamicsError> {
-    check_length("x", x, layout.nv())?;
-    let sweep = ArticulatedSweep::new(layout, q)?;
-    let mut out = x.to_vec();
-    sweep.solve_in_place(layout, &mut out, &mut SolveWorkspace::new(layout));
+    let mut out = vec![T::zero(); layout.nv()];
+    MassMatrixSolution::new(layout).run(layout, q, x, &mut out)?;
     Ok(out)
 }
 
-/// The inverse of the mass matrix, full and symmetric, by rows. `q`: nq; result: nv×nv. Cost O(n²).
+/// Workspace of the inverse of the mass matrix.
+#[derive(Clone, Debug)]
+pub struct MassMatrixInverse<T: Scalar> {
+    sweep: ArticulatedSweep<T>,
+    innovations: Innovations<T::Arithmetic>,
+}
+
+impl<T: Scalar> MassMatrixInverse<T> {
+    /// A workspace for a layout.
+    pub fn new(layout: &Layout<T::Constant>) -> Self {
+        MassMatrixInverse { sweep: ArticulatedSweep::empty(layout), innovations: Innovations::new(layout) }
+    }
+    /// The inverse of the mass matrix, full and symmetric, by rows. `q`: nq; `out`: nv×nv.
+    ///
+    /// # Cost
+    /// O(nv · depth²) besides writing the zeros of separate trees; no allocation.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Shape`]; otherwise those of [`ArticulatedSweep::new`].
+    pub fn run(&mut self, layout: &Layout<T::Constant>, q: &[T], out: &mut [T]) -> Result<(), DynamicsError> {
+        layout.check_tree()?;
+        check_length("out", out, layout.nv() * layout.nv())?;
+        check_length("workspace", &self.innovations.places.first, layout.len())?;
+        self.sweep.update(layout, q)?;
+        T::Arithmetic::dispatch_wide(Products::<T> { work: self, layout, out: T::arithmetic_mut(out) });
+        Ok(())
+    }
+}
+
+struct Products<'a, T: Scalar> {
+    work: &'a mut MassMatrixInverse<T>,
+    layout: &'a Layout<T::Constant>,
+    out: &'a mut [T::Arithmetic],
+}
+
+impl<T: Scalar> WideKernel<T::Arithmetic> for Products<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run<W: Wide<T::Arithmetic>>(self) {
+        let MassMatrixInverse { sweep, innovations } = self.work;
+        innovations.update::<W>(self.layout, &sweep.pivots, &sweep.shifts);
+        innovations.inverse_mass_matrix::<W>(self.out);
+    }
+}
+
+/// [`MassMatrixInverse::run`] for a single call.
 ///
 /// # Errors
-/// As [`ArticulatedSweep::new`].
+/// As there.
 pub fn mass_matrix_inverse<T: Scalar>(
     layout: &Layout<T::Constant>,
     q: &[T],
 ) -> Result<Vec<T>, DynamicsError> {
-    let sweep = ArticulatedSweep::new(layout, q)?;
-    let nv = layout.nv();
-    let mut matrix = vec![T::zero(); nv * nv];
-    let mut residuals = vec![T::Arithmetic::zero(); nv];
-    let mut alpha = vec![Motion::zero(); layout.len()];
-    for (k, body) in layout.bodies.iter().enumerate() {
-        for i in 0..body.hinge.nv() {
-            residuals.iter_mut().for_each(|x| *x = T::Arithmetic::zero());
-            residuals[body.v + i] = T::Arithmetic::one();
-            // Filter along the path from k to the base: everywhere else z and ν are zero.
-            let (mut at, mut z) = (k, Wrench::zero());
-            while at != GROUND {
-                let b = &layout.bodies[at];
-                let dofs = b.v..b.v + b.hinge.nv();
-                filter(&b.hinge, &sweep.pivots[dofs.clone()], &mut z, &mut residuals[dofs]);
-                z = sweep.shifts.at(at, b).wrench_to_parent(z);
-                at = b.parent;
-            }
-            for (j, b) in layout.bodies.iter().enumerate() {
-                let dofs = b.v..b.v + b.hinge.nv();
-                alpha[j] = if b.parent == GROUND {
-                    Motion::zero()
-                } else {
-                    sweep.shifts.at(j, b).motion_to_child(alpha[b.parent])
-                };
-                smooth(&b.hinge, &sweep.pivots[dofs.clone()], &mut alpha[j], &mut residuals[dofs]);
-            }
-            let row = body.v + i;
-            for column in row..nv {
-                let entry = T::from_arithmetic(residuals[column]);
-                matrix[row * nv + column] = entry;
-                matrix[column * nv + row] = entry;
-            }
-        }
-    }
-    Ok(matrix)
+    let mut out = vec![T::zero(); layout.nv() * layout.nv()];
+    MassMatrixInverse::new(layout).run(layout, q, &mut out)?;
+    Ok(out)
 }

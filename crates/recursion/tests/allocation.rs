@@ -3,10 +3,13 @@
 use allocation_counter::measure;
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{
-    ArticulatedSweep, Form, FormForwardDynamics, ForwardDynamics, ForwardDynamicsDerivatives,
-    InverseDynamics, InverseDynamicsDerivatives, Kinematics, Layout, MassMatrix, body_pose, body_velocity,
+    About, ArticulatedSweep, CenterOfMass, CentroidalMomentumMatrix, Form, FormForwardDynamics,
+    ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics, InverseDynamicsDerivatives, Jacobian,
+    JointReactions, Kinematics, KineticEnergy, Layout, MassMatrix, MassMatrixInverse, MassMatrixSolution,
+    Momentum, body_pose, body_velocity,
 };
 use phipsi_reference::generate::case;
+use phipsi_spatial::Wrench;
 
 fn assert_none(what: &str, seed: u64, run: impl FnOnce()) {
     let counted = measure(run);
@@ -71,6 +74,31 @@ fn kernels_do_not_allocate() {
         assert_none("one body", seed, || {
             body_pose(&layout, q, Some(case.body)).unwrap();
             body_velocity(&layout, q, v, Some(case.body)).unwrap();
+        });
+        let (mut inverse, mut solution) = (MassMatrixInverse::new(&layout), MassMatrixSolution::new(&layout));
+        assert_none("inverse of the mass matrix", seed, || inverse.run(&layout, q, &mut matrix).unwrap());
+        assert_none("solution", seed, || solution.run(&layout, q, &case.tau, &mut out).unwrap());
+        let (mut kinetic, mut center) = (KineticEnergy::new(&layout), CenterOfMass::new(&layout));
+        assert_none("energies", seed, || {
+            kinetic.run(&layout, q, v).unwrap();
+            center.potential_energy(&layout, q).unwrap();
+            center.run(&layout, q).unwrap();
+        });
+        let mut momentum = Momentum::new(&layout);
+        let mut centroidal = CentroidalMomentumMatrix::new(&layout);
+        let mut rows = vec![0.0; 6 * case.model.nv()];
+        assert_none("momentum", seed, || {
+            momentum.run(&layout, q, v, About::CenterOfMass).unwrap();
+            centroidal.run(&layout, q, &mut rows).unwrap();
+        });
+        let mut jacobian = Jacobian::new(&layout);
+        assert_none("Jacobian", seed, || {
+            jacobian.run(&layout, q, Some(case.body), Some(case.point), &mut rows).unwrap();
+        });
+        let mut reactions = JointReactions::new(&case.model, &layout);
+        let mut forces = vec![Wrench::zero(); case.model.len()];
+        assert_none("joint reactions", seed, || {
+            reactions.run(&layout, q, v, &case.a, wrenches, &mut forces).unwrap();
         });
     }
 }

@@ -46,6 +46,19 @@ impl<T: Scalar> RigidInertia<T> {
             inertia: Sym3::constant(&m.inertia),
         }
     }
+    /// The i-th column of M: the momentum of the i-th unit motion.
+    #[inline(always)]
+    pub fn column(&self, i: usize) -> Wrench<T> {
+        let ([x, y, z], o) = (self.first_moment.0, T::zero());
+        match i {
+            0 => Wrench::new(self.inertia.column(0), Vec3([o, -z, y])),
+            1 => Wrench::new(self.inertia.column(1), Vec3([z, o, -x])),
+            2 => Wrench::new(self.inertia.column(2), Vec3([-y, x, o])),
+            3 => Wrench::new(Vec3([o, z, -y]), Vec3([self.mass, o, o])),
+            4 => Wrench::new(Vec3([-z, o, x]), Vec3([o, self.mass, o])),
+            _ => Wrench::new(Vec3([y, -x, o]), Vec3([o, o, self.mass])),
+        }
+    }
     /// M V: the momentum of the body about its frame's origin.
     #[inline(always)]
     pub fn momentum(&self, v: Motion<T>) -> Wrench<T> {

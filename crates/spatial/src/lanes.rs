@@ -17,7 +17,7 @@
 #![allow(unsafe_code)]
 
 use crate::sin_cos::{Quadrants, sin_cos};
-use crate::wide::{WideKernel, With};
+use crate::wide::{Wide, WideKernel, With};
 use crate::{Kernel, Scalar};
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use num_traits::{One, Zero};
@@ -227,6 +227,9 @@ assigning_operators!(Fused);
 impl Scalar for Fused {
     type Constant = f64;
     const LANES: usize = 1;
+    #[cfg(target_arch = "x86_64")]
+    crate::arithmetic_is_self!(x86::F64x8);
+    #[cfg(not(target_arch = "x86_64"))]
     crate::arithmetic_is_self!();
     #[inline(always)]
     fn splat(x: f64) -> Self {
@@ -254,7 +257,7 @@ impl Scalar for Fused {
     }
     #[inline(always)]
     fn sin_cos_all(x: &[Self], sin: &mut [Self], cos: &mut [Self]) {
-        widest(SinCosAll { x, sin, cos });
+        Self::dispatch_wide(SinCosAll { x, sin, cos });
     }
     #[inline(always)]
     fn is_positive(self) -> bool {
@@ -296,40 +299,16 @@ struct SinCosAll<'a> {
     cos: &'a mut [Fused],
 }
 
-impl Visitor for SinCosAll<'_> {
+impl WideKernel<Fused> for SinCosAll<'_> {
     type Output = ();
     #[inline(always)]
-    fn visit<T: Lanes>(self) {
-        T::dispatch(SinCosIn::<T> { all: self, lanes: Default::default() });
-    }
-}
-
-struct SinCosIn<'a, T> {
-    all: SinCosAll<'a>,
-    lanes: core::marker::PhantomData<T>,
-}
-
-impl<T: Lanes> Kernel for SinCosIn<'_, T> {
-    type Output = ();
-    #[inline(always)]
-    fn run(self) {
-        let SinCosAll { x, sin, cos } = self.all;
-        let mut at = 0;
-        while at < x.len() {
-            let some = &x[at..x.len().min(at + T::LANES)];
-            let mut packed = [T::zero()];
-            for (to, from) in T::numbers_mut(&mut packed).iter_mut().zip(some) {
-                *to = from.0;
-            }
-            let (s, c) = packed[0].sin_cos();
-            let (s, c) = ([s], [c]);
-            for (to, from) in sin[at..].iter_mut().zip(&T::numbers(&s)[..some.len()]) {
-                *to = Fused(*from);
-            }
-            for (to, from) in cos[at..].iter_mut().zip(&T::numbers(&c)[..some.len()]) {
-                *to = Fused(*from);
-            }
-            at += T::LANES;
+    fn run<W: Wide<Fused>>(self) {
+        let SinCosAll { x, sin, cos } = self;
+        let groups = x.chunks(W::COUNT).zip(sin.chunks_mut(W::COUNT)).zip(cos.chunks_mut(W::COUNT));
+        for ((x, sin), cos) in groups {
+            let (s, c) = W::load_first(x).sin_cos();
+            s.store_first(sin);
+            c.store_first(cos);
         }
     }
 }

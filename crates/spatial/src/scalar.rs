@@ -5,6 +5,7 @@
 //! no order. [`Real`] adds what code with branches needs: comparison and inverse trigonometry.
 
 use crate::lanes::{Fused, fused, fused_mut};
+use crate::six_lanes::SixLanes;
 use crate::wide::{WideKernel, With};
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
@@ -35,6 +36,8 @@ pub trait Scalar:
     /// What kernels on this scalar compute with: for f64 the same numbers with fused multiplications
     /// ([`crate::lanes::Fused`]), for all others the type itself ([`crate::arithmetic_is_self`]).
     type Arithmetic: Scalar<Constant = Self::Constant, Arithmetic = Self::Arithmetic>;
+    /// Six-vectors of this scalar in lanes of their own.
+    type Six: SixLanes<Self>;
     /// States carried at once: 1 for plain numbers.
     const LANES: usize;
     /// The number, to compute with.
@@ -97,7 +100,11 @@ pub trait Kernel {
 #[macro_export]
 macro_rules! arithmetic_is_self {
     () => {
+        $crate::arithmetic_is_self!($crate::six_lanes::Eight<Self>);
+    };
+    ($six:ty) => {
         type Arithmetic = Self;
+        type Six = $six;
         #[inline(always)]
         fn to_arithmetic(self) -> Self {
             self
@@ -193,6 +200,7 @@ float_scalar! { f32, crate::arithmetic_is_self!(); }
 float_scalar! {
     f64,
     type Arithmetic = Fused;
+    type Six = crate::six_lanes::Eight<f64>;
     #[inline(always)]
     fn to_arithmetic(self) -> Fused {
         Fused(self)

@@ -148,7 +148,7 @@ impl<T: Scalar> Turn<T> {
 /// The block [[a, b], [b, d]] turned in its own plane.
 #[inline(always)]
 fn block<T: Scalar>(t: Products<T>, a: T, b: T, d: T) -> (T, T, T) {
-    let twice = t.cs * (b + b);
+    let twice = (t.cs + t.cs) * b;
     (t.cc.fma(a, t.ss.fma(d, -twice)), t.cs.fma(a - d, (t.cc - t.ss) * b), t.ss.fma(a, t.cc.fma(d, twice)))
 }
 
@@ -273,6 +273,28 @@ impl<T: Scalar> ArticulatedInertia<T> {
 }
 
 impl<T: Scalar> RigidInertia<T> {
+    /// About a point at −l, and another inertia there: the sum with [`Self::shifted`], of which the moments of inertia, which
+    /// come last, wait for one addition only.
+    #[inline(always)]
+    pub fn shifted_onto(&self, l: Vec3<T>, own: &Self) -> Self {
+        let h = self.first_moment;
+        let g = l.scale_add(self.mass, h);
+        let ([x, y, z], [hx, hy, hz], [gx, gy, gz], J) = (l.0, h.0, g.0, &own.inertia);
+        let (px, py, pz) = (x * (hx + gx), y * (hy + gy), z * (hz + gz));
+        let displaced = Sym3 {
+            xx: J.xx + (py + pz),
+            xy: (-hx).fma(y, (-x).fma(gy, J.xy)),
+            xz: (-hx).fma(z, (-x).fma(gz, J.xz)),
+            yy: J.yy + (px + pz),
+            yz: (-hy).fma(z, (-y).fma(gz, J.yz)),
+            zz: J.zz + (px + py),
+        };
+        RigidInertia {
+            mass: self.mass + own.mass,
+            first_moment: g + own.first_moment,
+            inertia: displaced + self.inertia,
+        }
+    }
     /// About a point at −l: as [`ArticulatedInertia::shifted`].
     #[inline(always)]
     pub fn shifted(&self, l: Vec3<T>) -> Self {

@@ -9,16 +9,24 @@ use core::marker::PhantomData;
 
 /// [`Wide::COUNT`] numbers `T` side by side.
 pub trait Wide<T: Scalar>: Scalar<Constant = T::Constant> {
-    /// How many; at most [`WIDEST`].
+    /// How many; a divisor of [`WIDEST`].
     const COUNT: usize;
     /// The same number in all places.
     fn broadcast(x: T) -> Self;
     /// The first numbers of a slice, which has as many.
     fn load(x: &[T]) -> Self;
+    /// The first numbers of a slice, as many as it has, at most all; zero in the other places.
+    fn load_first(x: &[T]) -> Self;
     /// Written to the first numbers of a slice, which has as many.
     fn store(self, out: &mut [T]);
     /// The first numbers, as many as the slice has, at most all.
     fn store_first(self, out: &mut [T]);
+    /// The numbers from place `first` on, to the first numbers of a slice, which has as many.
+    fn store_from(self, first: usize, out: &mut [T]);
+    /// With another number in one place.
+    fn with(self, place: usize, x: T) -> Self;
+    /// Number j of register i becomes number i of register j, of the first [`Wide::COUNT`] registers.
+    fn transpose(tile: &mut [Self; WIDEST]);
 }
 
 /// The largest [`Wide::COUNT`].
@@ -35,6 +43,10 @@ impl<T: Scalar> Wide<T> for T {
         x[0]
     }
     #[inline(always)]
+    fn load_first(x: &[T]) -> Self {
+        if let [first, ..] = x { *first } else { T::zero() }
+    }
+    #[inline(always)]
     fn store(self, out: &mut [T]) {
         out[0] = self;
     }
@@ -44,6 +56,18 @@ impl<T: Scalar> Wide<T> for T {
             *first = self;
         }
     }
+    #[inline(always)]
+    fn store_from(self, first: usize, out: &mut [T]) {
+        if first == 0 {
+            out[0] = self;
+        }
+    }
+    #[inline(always)]
+    fn with(self, _: usize, x: T) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn transpose(_: &mut [Self; WIDEST]) {}
 }
 
 /// A [`Kernel`] that is generic over the register, too.

@@ -7,12 +7,12 @@ mod protocol;
 
 use phipsi::model::{Base, Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random};
 use phipsi::prelude::{Mimic, UrdfOptions, read_urdf_file};
-use phipsi::recursion::batch::{Input, StateKernel, run_batch};
+use phipsi::recursion::batch::{Input, StateKernel, kernels, run_batch};
 use phipsi::recursion::{
-    DynamicsError, ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics, InverseDynamicsDerivatives,
-    Layout, MassMatrix, centroidal_momentum_matrix, jacobian, mass_matrix_inverse,
+    CentroidalMomentumMatrix, ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics,
+    InverseDynamicsDerivatives, Jacobian, Layout, MassMatrix, MassMatrixInverse,
 };
-use phipsi::spatial::lanes::{Lanes, Level};
+use phipsi::spatial::lanes::Level;
 use protocol::{Call, Failure, Operation, Program, States, serve};
 
 struct Open {
@@ -91,13 +91,10 @@ impl Program for Open {
                 let mut workspace = MassMatrix::new(layout);
                 one(nv * nv, Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), out)?)))
             }
-            "mass_matrix_inverse" => one(
-                nv * nv,
-                Box::new(move |i, out| {
-                    out.copy_from_slice(&mass_matrix_inverse(layout, s.q(i))?);
-                    Ok(())
-                }),
-            ),
+            "mass_matrix_inverse" => {
+                let mut workspace = MassMatrixInverse::new(layout);
+                one(nv * nv, Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), out)?)))
+            }
             "inverse_dynamics_derivatives" => {
                 let mut workspace = InverseDynamicsDerivatives::new(layout);
                 one(
@@ -119,54 +116,22 @@ impl Program for Open {
                 )
             }
             "jacobian" => {
-                one(6 * nv, Box::new(move |i, out| rows(out, &jacobian(layout, s.q(i), self.target, None)?)))
+                let mut workspace = Jacobian::new(layout);
+                one(
+                    6 * nv,
+                    Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), self.target, None, out)?)),
+                )
             }
             "centroidal" => {
-                one(6 * nv, Box::new(move |i, out| rows(out, &centroidal_momentum_matrix(layout, s.q(i))?)))
+                let mut workspace = CentroidalMomentumMatrix::new(layout);
+                one(6 * nv, Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), out)?)))
             }
-            "forward_dynamics_batch" => self.batch(Accelerations(layout), nv, s),
-            "derivatives_batch" => self.batch(Derivatives(layout), 3 * nv * nv, s),
+            "forward_dynamics_batch" => self.batch(kernels::ForwardDynamics { layout, loaded: &[] }, nv, s),
+            "derivatives_batch" => {
+                self.batch(kernels::ForwardDynamicsDerivatives { layout, loaded: &[] }, 3 * nv * nv, s)
+            }
             _ => return Ok(None),
         }))
-    }
-}
-
-/// Forward dynamics of each state of a batch.
-struct Accelerations<'a>(&'a Layout<f64>);
-
-impl StateKernel for Accelerations<'_> {
-    type Workspace<T: Lanes> = ForwardDynamics<T>;
-    fn workspace<T: Lanes>(&self) -> ForwardDynamics<T> {
-        ForwardDynamics::new(self.0)
-    }
-    #[inline(always)]
-    fn run<T: Lanes>(
-        &self,
-        workspace: &mut ForwardDynamics<T>,
-        inputs: &[Vec<T>],
-        out: &mut [T],
-    ) -> Result<(), DynamicsError> {
-        workspace.run(self.0, &inputs[0], &inputs[1], &inputs[2], None, out)
-    }
-}
-
-/// Derivatives of forward dynamics of each state of a batch.
-struct Derivatives<'a>(&'a Layout<f64>);
-
-impl StateKernel for Derivatives<'_> {
-    type Workspace<T: Lanes> = ForwardDynamicsDerivatives<T>;
-    fn workspace<T: Lanes>(&self) -> ForwardDynamicsDerivatives<T> {
-        ForwardDynamicsDerivatives::new(self.0)
-    }
-    #[inline(always)]
-    fn run<T: Lanes>(
-        &self,
-        workspace: &mut ForwardDynamicsDerivatives<T>,
-        inputs: &[Vec<T>],
-        out: &mut [T],
-    ) -> Result<(), DynamicsError> {
-        let [d_dq, d_dv, d_dtau] = thirds(out);
-        workspace.run(self.0, &inputs[0], &inputs[1], &inputs[2], None, d_dq, d_dv, d_dtau)
     }
 }
 
@@ -176,15 +141,6 @@ fn thirds<T>(out: &mut [T]) -> [&mut [T]; 3] {
     let (first, rest) = out.split_at_mut(n);
     let (second, third) = rest.split_at_mut(n);
     [first, second, third]
-}
-
-/// Writes the rows of a matrix one after another.
-fn rows(out: &mut [f64], matrix: &[Vec<f64>; 6]) -> Result<(), Failure> {
-    let n = matrix[0].len();
-    for (i, row) in matrix.iter().enumerate() {
-        out[i * n..][..n].copy_from_slice(row);
-    }
-    Ok(())
 }
 
 /// n equal rods on revolute joints whose axes turn from joint to joint.

@@ -1,5 +1,6 @@
 use super::*;
 use crate::Dd;
+use crate::wide::WIDEST;
 
 /// Arguments near and between multiples of π/2, small, large, and beyond the own reduction.
 fn arguments() -> Vec<f64> {
@@ -130,5 +131,64 @@ fn a_pivot_is_positive_in_every_lane_or_not_at_all() {
     }
     for level in Level::ALL {
         at_level(level, Positive);
+    }
+}
+
+/// Every operation of a register of neighbouring numbers against the same on an array.
+struct SideBySide;
+
+impl WideKernel<Fused> for SideBySide {
+    type Output = ();
+    #[inline(always)]
+    fn run<W: Wide<Fused>>(self) {
+        let n = W::COUNT;
+        let numbers: Vec<Fused> = (0..64).map(|i| Fused(1.0 + i as f64)).collect();
+        let read = |x: W| {
+            let mut out = vec![Fused(-1.0); n];
+            x.store(&mut out);
+            out
+        };
+        for count in 0..=n + 1 {
+            let mut want = vec![Fused(0.0); n];
+            want.iter_mut().zip(&numbers[3..3 + count]).for_each(|(w, x)| *w = *x);
+            assert_eq!(read(W::load_first(&numbers[3..3 + count])), want, "{count} of {n}");
+            let mut out = vec![Fused(-1.0); n + 2];
+            W::load(&numbers).store_first(&mut out[..count]);
+            for (i, x) in out.iter().enumerate() {
+                assert_eq!(*x, if i < count.min(n) { numbers[i] } else { Fused(-1.0) }, "{count} of {n}");
+            }
+        }
+        for place in 0..n {
+            let mut want = numbers[..n].to_vec();
+            want[place] = Fused(0.5);
+            assert_eq!(read(W::load(&numbers).with(place, Fused(0.5))), want);
+            let mut out = vec![Fused(-1.0); n + 1];
+            W::load(&numbers).store_from(place, &mut out);
+            assert_eq!(out[..n - place], numbers[place..n]);
+            assert!(out[n - place..].iter().all(|x| *x == Fused(-1.0)));
+        }
+        assert_eq!(read(W::broadcast(Fused(2.5))), vec![Fused(2.5); n]);
+        let mut tile = [W::zero(); WIDEST];
+        (0..n).for_each(|i| tile[i] = W::load(&numbers[i * n..]));
+        W::transpose(&mut tile);
+        for i in 0..n {
+            let want: Vec<Fused> = (0..n).map(|j| numbers[j * n + i]).collect();
+            assert_eq!(read(tile[i]), want);
+        }
+    }
+}
+
+#[test]
+fn numbers_side_by_side_at_every_level() {
+    Fused::dispatch_wide(SideBySide);
+    Fused::dispatch(With::<Fused, Fused, _>::new(SideBySide));
+    #[cfg(target_arch = "x86_64")]
+    {
+        if Level::Avx2.is_available() {
+            super::x86::F64x4::dispatch(With::<Fused, super::x86::F64x4, _>::new(SideBySide));
+        }
+        if Level::Avx512.is_available() {
+            super::x86::F64x8::dispatch(With::<Fused, super::x86::F64x8, _>::new(SideBySide));
+        }
     }
 }

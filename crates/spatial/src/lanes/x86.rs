@@ -1,7 +1,8 @@
 //! Lanes in the registers of x86-64.
 
 use super::*;
-use crate::wide::Wide;
+use crate::six_lanes::{RIGID_COLUMNS, RigidEntries, SixLanes};
+use crate::wide::WIDEST;
 use core::arch::x86_64::*;
 
 /// Runs a kernel compiled for AVX2 and FMA.
@@ -36,7 +37,9 @@ macro_rules! lanes {
     (
         $t:ident, $n:literal, $with:ident, $set:ident, $load:ident, $store:ident,
         $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident, $sqrt:ident,
-        negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident, first: $store_first:ident
+        negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident,
+        insert: $insert:ident, store_from: $store_from:ident, load_first: $load_first:ident,
+        store_first: $store_first:ident, transpose: $transpose:ident
     ) => {
         // SAFETY of this macro: a value of the type exists only after the processor was asked (see the module above).
         impl Add for $t {
@@ -146,24 +149,41 @@ macro_rules! lanes {
         impl Wide<Fused> for $t {
             const COUNT: usize = $n;
             #[inline(always)]
-            fn broadcast(x: Fused) -> Self {
-                unsafe { $t($set(x.0)) }
-            }
-            #[inline(always)]
             fn load(x: &[Fused]) -> Self {
                 let x = &x[..$n];
                 unsafe { $t($load(x.as_ptr().cast())) }
             }
             #[inline(always)]
-            fn store(self, out: &mut [Fused]) {
-                let out = &mut out[..$n];
-                unsafe { $store(out.as_mut_ptr().cast(), self.0) }
+            fn store(self, x: &mut [Fused]) {
+                let x = &mut x[..$n];
+                unsafe { $store(x.as_mut_ptr().cast(), self.0) }
             }
             #[inline(always)]
-            fn store_first(self, out: &mut [Fused]) {
-                let n = out.len().min($n);
-                // The mask keeps within the first n.
-                unsafe { $store_first(self.0, out.as_mut_ptr().cast(), n) }
+            fn load_first(x: &[Fused]) -> Self {
+                unsafe { $t($load_first(x)) }
+            }
+            #[inline(always)]
+            fn store_first(self, x: &mut [Fused]) {
+                unsafe { $store_first(x, self.0) }
+            }
+            #[inline(always)]
+            fn transpose(tile: &mut [Self; WIDEST]) {
+                unsafe { $transpose(tile) }
+            }
+            #[inline(always)]
+            fn store_from(self, first: usize, x: &mut [Fused]) {
+                if first < $n {
+                    let x = &mut x[..$n - first];
+                    unsafe { $store_from(x, first, self.0) }
+                }
+            }
+            #[inline(always)]
+            fn broadcast(x: Fused) -> Self {
+                Self::splat(x.0)
+            }
+            #[inline(always)]
+            fn with(self, lane: usize, x: Fused) -> Self {
+                unsafe { $t($insert(self.0, lane, x.0)) }
             }
         }
         impl Quadrants for $t {
@@ -195,13 +215,17 @@ macro_rules! lanes {
 lanes!(
     F64x4, 4, with_fma, _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd,
     _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd, _mm256_fmadd_pd, _mm256_sqrt_pd,
-    negate: negate4, all: all_between4, size: size4, turn: turn4, first: store_first4
+    negate: negate4, all: all_between4, size: size4, turn: turn4,
+    insert: insert4, store_from: store_from4, load_first: load_first4, store_first: store_first4,
+    transpose: transpose4
 );
 
 lanes!(
     F64x8, 8, with_avx512, _mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd,
     _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd, _mm512_div_pd, _mm512_fmadd_pd, _mm512_sqrt_pd,
-    negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8, first: store_first8
+    negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8,
+    insert: insert8, store_from: store_from8, load_first: load_first8, store_first: store_first8,
+    transpose: transpose8
 );
 
 // Functions, for closures cannot be made to inline. SAFETY: as in the macro.
@@ -240,19 +264,6 @@ unsafe fn turn4(shifted: __m256d, s: __m256d, c: __m256d) -> (__m256d, __m256d) 
 }
 
 #[inline(always)]
-unsafe fn store_first4(x: __m256d, to: *mut f64, n: usize) {
-    unsafe {
-        let place = _mm256_set_epi64x(3, 2, 1, 0);
-        _mm256_maskstore_pd(to, _mm256_cmpgt_epi64(_mm256_set1_epi64x(n as i64), place), x);
-    }
-}
-
-#[inline(always)]
-unsafe fn store_first8(x: __m512d, to: *mut f64, n: usize) {
-    unsafe { _mm512_mask_storeu_pd(to, ((1u32 << n) - 1) as u8, x) }
-}
-
-#[inline(always)]
 unsafe fn negate8(x: __m512d) -> __m512d {
     unsafe { flip(x, _mm512_castpd_si512(_mm512_set1_pd(-0.0))) }
 }
@@ -278,4 +289,276 @@ unsafe fn turn8(shifted: __m512d, s: __m512d, c: __m512d) -> (__m512d, __m512d) 
 #[inline(always)]
 unsafe fn flip(x: __m512d, sign: __m512i) -> __m512d {
     unsafe { _mm512_castsi512_pd(_mm512_xor_si512(_mm512_castpd_si512(x), sign)) }
+}
+
+#[inline(always)]
+unsafe fn insert4(x: __m256d, lane: usize, number: f64) -> __m256d {
+    unsafe {
+        let here = _mm256_cmpeq_epi64(_mm256_setr_epi64x(0, 1, 2, 3), _mm256_set1_epi64x(lane as i64));
+        _mm256_blendv_pd(x, _mm256_set1_pd(number), _mm256_castsi256_pd(here))
+    }
+}
+
+#[inline(always)]
+unsafe fn insert8(x: __m512d, lane: usize, number: f64) -> __m512d {
+    unsafe { _mm512_mask_broadcastsd_pd(x, 1u8.wrapping_shl(lane as u32), _mm_set_sd(number)) }
+}
+
+/// `to` has as many numbers as there are lanes from `first` on, at least one.
+#[inline(always)]
+unsafe fn store_from4(to: &mut [Fused], first: usize, x: __m256d) {
+    let mut all = [0.0; 4];
+    unsafe { _mm256_storeu_pd(all.as_mut_ptr(), x) };
+    for (to, x) in to.iter_mut().zip(&all[first..]) {
+        *to = Fused(*x);
+    }
+}
+
+/// `to` has as many numbers as there are lanes from `first` on, at least one.
+#[inline(always)]
+unsafe fn store_from8(to: &mut [Fused], first: usize, x: __m512d) {
+    // The lanes before `first` are not written: their addresses need not exist.
+    let mask = 0xffu8.wrapping_shl(first as u32);
+    unsafe { _mm512_mask_storeu_pd(to.as_mut_ptr().cast::<f64>().wrapping_sub(first), mask, x) }
+}
+
+/// All bits set in as many lanes as there are numbers.
+#[inline(always)]
+unsafe fn some4(count: usize) -> __m256i {
+    unsafe { _mm256_cmpgt_epi64(_mm256_set1_epi64x(count.min(4) as i64), _mm256_setr_epi64x(0, 1, 2, 3)) }
+}
+
+#[inline(always)]
+unsafe fn load_first4(x: &[Fused]) -> __m256d {
+    unsafe { _mm256_maskload_pd(x.as_ptr().cast(), some4(x.len())) }
+}
+
+#[inline(always)]
+unsafe fn store_first4(to: &mut [Fused], x: __m256d) {
+    unsafe { _mm256_maskstore_pd(to.as_mut_ptr().cast(), some4(to.len()), x) }
+}
+
+/// A bit for each of as many lanes as there are numbers.
+#[inline(always)]
+fn some8(count: usize) -> u8 {
+    (0xffu16 >> (8 - count.min(8))) as u8
+}
+
+#[inline(always)]
+unsafe fn load_first8(x: &[Fused]) -> __m512d {
+    unsafe { _mm512_maskz_loadu_pd(some8(x.len()), x.as_ptr().cast()) }
+}
+
+#[inline(always)]
+unsafe fn store_first8(to: &mut [Fused], x: __m512d) {
+    unsafe { _mm512_mask_storeu_pd(to.as_mut_ptr().cast(), some8(to.len()), x) }
+}
+
+#[inline(always)]
+unsafe fn transpose4(tile: &mut [F64x4; WIDEST]) {
+    unsafe {
+        let [a, b, c, d] = [tile[0].0, tile[1].0, tile[2].0, tile[3].0];
+        let (ab, cd) = (_mm256_unpacklo_pd(a, b), _mm256_unpacklo_pd(c, d));
+        tile[0].0 = _mm256_permute2f128_pd::<0x20>(ab, cd);
+        tile[2].0 = _mm256_permute2f128_pd::<0x31>(ab, cd);
+        let (ab, cd) = (_mm256_unpackhi_pd(a, b), _mm256_unpackhi_pd(c, d));
+        tile[1].0 = _mm256_permute2f128_pd::<0x20>(ab, cd);
+        tile[3].0 = _mm256_permute2f128_pd::<0x31>(ab, cd);
+    }
+}
+
+#[inline(always)]
+unsafe fn transpose8(tile: &mut [F64x8; WIDEST]) {
+    unsafe {
+        let [a, b, c, d, e, f, g, h] = tile.map(|x| x.0);
+        let even = [
+            _mm512_unpacklo_pd(a, b),
+            _mm512_unpacklo_pd(c, d),
+            _mm512_unpacklo_pd(e, f),
+            _mm512_unpacklo_pd(g, h),
+        ];
+        let odd = [
+            _mm512_unpackhi_pd(a, b),
+            _mm512_unpackhi_pd(c, d),
+            _mm512_unpackhi_pd(e, f),
+            _mm512_unpackhi_pd(g, h),
+        ];
+        let [even, odd] = [pairs8(even), pairs8(odd)];
+        *tile = [even[0], odd[0], even[1], odd[1], even[2], odd[2], even[3], odd[3]].map(F64x8);
+    }
+}
+
+/// Numbers 2i of eight rows from four that hold two rows each: pairs of numbers of a row become neighbours.
+#[inline(always)]
+unsafe fn pairs8([a, b, c, d]: [__m512d; 4]) -> [__m512d; 4] {
+    unsafe {
+        let (ab_even, cd_even) = (_mm512_shuffle_f64x2::<0x88>(a, b), _mm512_shuffle_f64x2::<0x88>(c, d));
+        let (ab_odd, cd_odd) = (_mm512_shuffle_f64x2::<0xdd>(a, b), _mm512_shuffle_f64x2::<0xdd>(c, d));
+        [
+            _mm512_shuffle_f64x2::<0x88>(ab_even, cd_even),
+            _mm512_shuffle_f64x2::<0x88>(ab_odd, cd_odd),
+            _mm512_shuffle_f64x2::<0xdd>(ab_even, cd_even),
+            _mm512_shuffle_f64x2::<0xdd>(ab_odd, cd_odd),
+        ]
+    }
+}
+
+/// The lanes of one six-vector of plain numbers.
+impl SixLanes<Fused> for F64x8 {
+    #[inline(always)]
+    fn is_fast() -> bool {
+        Level::best() == Level::Avx512
+    }
+    #[inline(always)]
+    fn of(x: [Fused; 8]) -> Self {
+        // SAFETY of this block: as in the macro above.
+        unsafe { F64x8(_mm512_loadu_pd(x.as_ptr().cast())) }
+    }
+    #[inline(always)]
+    fn to_array(self) -> [Fused; 8] {
+        let mut out = [Fused(0.0); 8];
+        unsafe { _mm512_storeu_pd(out.as_mut_ptr().cast(), self.0) };
+        out
+    }
+    #[inline(always)]
+    fn fill(x: Fused) -> Self {
+        unsafe { F64x8(_mm512_set1_pd(x.0)) }
+    }
+    #[inline(always)]
+    fn times_plus(self, a: Self, b: Self) -> Self {
+        unsafe { F64x8(_mm512_fmadd_pd(self.0, a.0, b.0)) }
+    }
+    #[inline(always)]
+    fn subtract_from(self, a: Self, b: Self) -> Self {
+        unsafe { F64x8(_mm512_fnmadd_pd(self.0, a.0, b.0)) }
+    }
+    #[inline(always)]
+    fn eliminate<const I: usize>(self, a: Self, b: Self) -> Self {
+        unsafe { F64x8(_mm512_maskz_fnmadd_pd(!(1 << I), self.0, a.0, b.0)) }
+    }
+    #[inline(always)]
+    fn halves(x: Fused, y: Fused, z: Fused) -> Self {
+        unsafe { F64x8(in_lanes(x, y, z, &HALVES)) }
+    }
+    #[inline(always)]
+    fn first_half(x: Fused, y: Fused, z: Fused) -> Self {
+        unsafe { F64x8(in_lanes(x, y, z, &FIRST_HALF)) }
+    }
+    #[inline(always)]
+    fn about_z(cos: Fused, sin: Fused) -> (Self, Self) {
+        unsafe {
+            let (s, c, rest) = (TURNS[0].as_ptr(), TURNS[2].as_ptr(), TURNS[3].as_ptr());
+            let cosine = _mm512_fmadd_pd(_mm512_set1_pd(cos.0), _mm512_loadu_pd(c), _mm512_loadu_pd(rest));
+            (F64x8(cosine), F64x8(_mm512_mul_pd(_mm512_set1_pd(sin.0), _mm512_loadu_pd(s))))
+        }
+    }
+    #[inline(always)]
+    fn about_x(cos: Fused, sin: Fused) -> (Self, Self) {
+        unsafe {
+            let (s, c, rest) = (TURNS[1].as_ptr(), TURNS[4].as_ptr(), TURNS[5].as_ptr());
+            let cosine = _mm512_fmadd_pd(_mm512_set1_pd(cos.0), _mm512_loadu_pd(c), _mm512_loadu_pd(rest));
+            (F64x8(cosine), F64x8(_mm512_mul_pd(_mm512_set1_pd(sin.0), _mm512_loadu_pd(s))))
+        }
+    }
+    #[inline(always)]
+    fn swap_xy(self) -> Self {
+        unsafe { F64x8(_mm512_permutex_pd::<0b11_10_00_01>(self.0)) }
+    }
+    #[inline(always)]
+    fn swap_yz(self) -> Self {
+        unsafe { F64x8(_mm512_permutex_pd::<0b11_01_10_00>(self.0)) }
+    }
+    #[inline(always)]
+    fn yzx(self) -> Self {
+        unsafe { F64x8(_mm512_permutex_pd::<0b11_00_10_01>(self.0)) }
+    }
+    #[inline(always)]
+    fn zxy(self) -> Self {
+        unsafe { F64x8(_mm512_permutex_pd::<0b11_01_00_10>(self.0)) }
+    }
+    #[inline(always)]
+    fn second_zxy(self) -> Self {
+        unsafe { F64x8(_mm512_permutexvar_pd(lanes_of([6, 4, 5, 7, 6, 4, 5, 7]), self.0)) }
+    }
+    #[inline(always)]
+    fn second_yzx(self) -> Self {
+        unsafe { F64x8(_mm512_permutexvar_pd(lanes_of([5, 6, 4, 7, 5, 6, 4, 7]), self.0)) }
+    }
+    #[inline(always)]
+    fn broadcast<const I: usize>(self) -> Self {
+        unsafe { F64x8(_mm512_permutexvar_pd(_mm512_set1_epi64(I as i64), self.0)) }
+    }
+    #[inline(always)]
+    fn lane_0(self) -> Fused {
+        unsafe { Fused(_mm512_cvtsd_f64(self.0)) }
+    }
+    #[inline(always)]
+    fn with_lane_2(self, x: Self) -> Self {
+        unsafe { F64x8(_mm512_mask_mov_pd(self.0, 0x04, x.0)) }
+    }
+    #[inline(always)]
+    fn rigid(m: &RigidEntries<f64>) -> [Self; 6] {
+        let [a, b, c, d, e, f] = RIGID_COLUMNS;
+        unsafe {
+            let (low, high) = (_mm512_loadu_pd(m.as_ptr()), _mm512_loadu_pd(m.as_ptr().add(8)));
+            [
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(a), high)),
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(b), high)),
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(c), high)),
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(d), high)),
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(e), high)),
+                F64x8(_mm512_permutex2var_pd(low, lanes_of(f), high)),
+            ]
+        }
+    }
+}
+
+/// x a + y b + z c for unit patterns: products with constants in memory, where masks would have to be made each time.
+#[inline(always)]
+unsafe fn in_lanes(x: Fused, y: Fused, z: Fused, patterns: &[[f64; 8]; 3]) -> __m512d {
+    unsafe {
+        let all = _mm512_mul_pd(_mm512_set1_pd(x.0), _mm512_loadu_pd(patterns[0].as_ptr()));
+        let all = _mm512_fmadd_pd(_mm512_set1_pd(y.0), _mm512_loadu_pd(patterns[1].as_ptr()), all);
+        _mm512_fmadd_pd(_mm512_set1_pd(z.0), _mm512_loadu_pd(patterns[2].as_ptr()), all)
+    }
+}
+
+/// x, y and z of both halves.
+const HALVES: [[f64; 8]; 3] = [
+    [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+    [0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
+    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+];
+
+/// x, y and z of the first half.
+const FIRST_HALF: [[f64; 8]; 3] = [
+    [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+];
+
+/// s (−e₀ + e₁) and s (−e₁ + e₂) of both halves; c (e₀ + e₁) + e₂ and e₀ + c (e₁ + e₂).
+const TURNS: [[f64; 8]; 6] = [
+    [-1.0, 1.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0],
+    [0.0, -1.0, 1.0, 0.0, 0.0, -1.0, 1.0, 0.0],
+    [1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0],
+    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+    [0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0],
+    [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+];
+
+#[inline(always)]
+unsafe fn lanes_of(i: [usize; 8]) -> __m512i {
+    unsafe {
+        _mm512_set_epi64(
+            i[7] as i64,
+            i[6] as i64,
+            i[5] as i64,
+            i[4] as i64,
+            i[3] as i64,
+            i[2] as i64,
+            i[1] as i64,
+            i[0] as i64,
+        )
+    }
 }

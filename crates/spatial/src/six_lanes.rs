@@ -1,0 +1,249 @@
+//! Six-vectors in the lanes of one register: what one state offers to SIMD where there are no other states.
+//!
+//! A packed six-vector is (x, y, z, 0 | x, y, z, 0): moment and force, or angular and linear part. Turns act on both halves
+//! at once, with the partner coordinate brought by a permutation.
+
+use crate::Scalar;
+use core::ops::{Add, Mul, Neg, Sub};
+
+/// A rigid inertia as [`SixLanes::rigid`] reads it: J (xx, xy, xz, yy, yz, zz), h (x, y); h (z), −h, m, zeros.
+pub type RigidEntries<C> = [C; 16];
+
+/// The entries of a rigid inertia, in the order of [`RigidEntries`].
+pub fn rigid_entries<C: Scalar>(m: &crate::RigidInertia<C>) -> RigidEntries<C> {
+    let ([x, y, z], J, o) = (m.first_moment.0, &m.inertia, C::zero());
+    [J.xx, J.xy, J.xz, J.yy, J.yz, J.zz, x, y, z, -x, -y, -z, m.mass, o, o, o]
+}
+
+/// Where each column of a rigid inertia takes its lanes from; 13 is a zero. Columns are those of [[J, h~], [−h~, m 1]].
+pub(crate) const RIGID_COLUMNS: [[usize; 8]; 6] = [
+    [0, 1, 2, 13, 13, 11, 7, 13],
+    [1, 3, 4, 13, 8, 13, 9, 13],
+    [2, 4, 5, 13, 10, 6, 13, 13],
+    [13, 8, 10, 13, 12, 13, 13, 13],
+    [11, 13, 6, 13, 13, 12, 13, 13],
+    [7, 9, 13, 13, 13, 13, 12, 13],
+];
+
+/// A packed six-vector of numbers `T`.
+pub trait SixLanes<T: Scalar>:
+    Copy
+    + core::fmt::Debug
+    + Send
+    + Sync
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Neg<Output = Self>
+{
+    /// True where the processor works on all lanes at once.
+    fn is_fast() -> bool;
+    /// Eight lanes.
+    fn of(x: [T; 8]) -> Self;
+    /// The lanes.
+    fn to_array(self) -> [T; 8];
+    /// One number in all lanes.
+    fn fill(x: T) -> Self;
+    /// `self * a + b`.
+    fn times_plus(self, a: Self, b: Self) -> Self;
+    /// `b − self * a`.
+    fn subtract_from(self, a: Self, b: Self) -> Self;
+    /// `b − self * a` with zero in lane I.
+    fn eliminate<const I: usize>(self, a: Self, b: Self) -> Self;
+    /// (x, y, z, 0) in both halves.
+    fn halves(x: T, y: T, z: T) -> Self;
+    /// (x, y, z, 0) in the first half, zeros in the second.
+    fn first_half(x: T, y: T, z: T) -> Self;
+    /// (c, c, 1, 0) and (−s, s, 0, 0) in both halves: a turn about z is v ↦ c∘v + s∘(v with x and y exchanged).
+    #[inline(always)]
+    fn about_z(cos: T, sin: T) -> (Self, Self) {
+        (Self::halves(cos, cos, T::one()), Self::halves(-sin, sin, T::zero()))
+    }
+    /// (1, c, c, 0) and (0, −s, s, 0) in both halves.
+    #[inline(always)]
+    fn about_x(cos: T, sin: T) -> (Self, Self) {
+        (Self::halves(T::one(), cos, cos), Self::halves(T::zero(), -sin, sin))
+    }
+    /// x and y of both halves exchanged.
+    fn swap_xy(self) -> Self;
+    /// y and z of both halves exchanged.
+    fn swap_yz(self) -> Self;
+    /// (y, z, x) of both halves.
+    fn yzx(self) -> Self;
+    /// (z, x, y) of both halves.
+    fn zxy(self) -> Self;
+    /// (z, x, y) of the second half, in the first; the second half is of no use.
+    fn second_zxy(self) -> Self;
+    /// (y, z, x) of the second half, in the first; the second half is of no use.
+    fn second_yzx(self) -> Self;
+    /// Lane I in all lanes.
+    fn broadcast<const I: usize>(self) -> Self;
+    /// Lane 0.
+    fn lane_0(self) -> T;
+    /// The vector with x in lane 2.
+    fn with_lane_2(self, x: Self) -> Self;
+    /// The six columns of a rigid inertia.
+    fn rigid(m: &RigidEntries<T::Constant>) -> [Self; 6];
+}
+
+/// Eight numbers of any scalar, one after the other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Eight<T>([T; 8]);
+
+macro_rules! each {
+    ($i:ident => $x:expr) => {
+        Eight([
+            {
+                const $i: usize = 0;
+                $x
+            },
+            {
+                const $i: usize = 1;
+                $x
+            },
+            {
+                const $i: usize = 2;
+                $x
+            },
+            {
+                const $i: usize = 3;
+                $x
+            },
+            {
+                const $i: usize = 4;
+                $x
+            },
+            {
+                const $i: usize = 5;
+                $x
+            },
+            {
+                const $i: usize = 6;
+                $x
+            },
+            {
+                const $i: usize = 7;
+                $x
+            },
+        ])
+    };
+}
+
+impl<T: Scalar> Add for Eight<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        each!(I => self.0[I] + b.0[I])
+    }
+}
+impl<T: Scalar> Sub for Eight<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        each!(I => self.0[I] - b.0[I])
+    }
+}
+impl<T: Scalar> Mul for Eight<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        each!(I => self.0[I] * b.0[I])
+    }
+}
+impl<T: Scalar> Neg for Eight<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        each!(I => -self.0[I])
+    }
+}
+
+impl<T: Scalar> Eight<T> {
+    #[inline(always)]
+    fn pick(self, lanes: [usize; 8]) -> Self {
+        each!(I => self.0[lanes[I]])
+    }
+}
+
+impl<T: Scalar> SixLanes<T> for Eight<T> {
+    fn is_fast() -> bool {
+        false
+    }
+    #[inline(always)]
+    fn of(x: [T; 8]) -> Self {
+        Eight(x)
+    }
+    #[inline(always)]
+    fn to_array(self) -> [T; 8] {
+        self.0
+    }
+    #[inline(always)]
+    fn fill(x: T) -> Self {
+        Eight([x; 8])
+    }
+    #[inline(always)]
+    fn times_plus(self, a: Self, b: Self) -> Self {
+        each!(I => self.0[I].fma(a.0[I], b.0[I]))
+    }
+    #[inline(always)]
+    fn subtract_from(self, a: Self, b: Self) -> Self {
+        each!(I => (-self.0[I]).fma(a.0[I], b.0[I]))
+    }
+    #[inline(always)]
+    fn eliminate<const I: usize>(self, a: Self, b: Self) -> Self {
+        let mut x = self.subtract_from(a, b);
+        x.0[I] = T::zero();
+        x
+    }
+    #[inline(always)]
+    fn halves(x: T, y: T, z: T) -> Self {
+        let o = T::zero();
+        Eight([x, y, z, o, x, y, z, o])
+    }
+    #[inline(always)]
+    fn first_half(x: T, y: T, z: T) -> Self {
+        let o = T::zero();
+        Eight([x, y, z, o, o, o, o, o])
+    }
+    #[inline(always)]
+    fn swap_xy(self) -> Self {
+        self.pick([1, 0, 2, 3, 5, 4, 6, 7])
+    }
+    #[inline(always)]
+    fn swap_yz(self) -> Self {
+        self.pick([0, 2, 1, 3, 4, 6, 5, 7])
+    }
+    #[inline(always)]
+    fn yzx(self) -> Self {
+        self.pick([1, 2, 0, 3, 5, 6, 4, 7])
+    }
+    #[inline(always)]
+    fn zxy(self) -> Self {
+        self.pick([2, 0, 1, 3, 6, 4, 5, 7])
+    }
+    #[inline(always)]
+    fn second_zxy(self) -> Self {
+        self.pick([6, 4, 5, 7, 6, 4, 5, 7])
+    }
+    #[inline(always)]
+    fn second_yzx(self) -> Self {
+        self.pick([5, 6, 4, 7, 5, 6, 4, 7])
+    }
+    #[inline(always)]
+    fn broadcast<const I: usize>(self) -> Self {
+        Eight([self.0[I]; 8])
+    }
+    #[inline(always)]
+    fn lane_0(self) -> T {
+        self.0[0]
+    }
+    #[inline(always)]
+    fn with_lane_2(mut self, x: Self) -> Self {
+        self.0[2] = x.0[2];
+        self
+    }
+    #[inline(always)]
+    fn rigid(m: &RigidEntries<T::Constant>) -> [Self; 6] {
+        RIGID_COLUMNS.map(|lanes| Eight(lanes.map(|i| T::constant(m[i]))))
+    }
+}
