@@ -12,7 +12,7 @@ use crate::columns::{WidePassage, vector};
 use crate::hinge::Hinge;
 use crate::inverse_dynamics_derivatives::{AxisRates, DerivativeSweeps};
 use crate::layout::{GROUND, Layout, Shifts};
-use crate::side_by_side::{Places, scatter};
+use crate::side_by_side::{Places, Rows, scatter};
 use phipsi_spatial::wide::Wide;
 use phipsi_spatial::{Motion, Scalar, Vec3, Wrench};
 
@@ -47,91 +47,72 @@ impl<T: Scalar> DerivativeColumns<T> {
         let rows = vec![T::zero(); COUNT * places.stride];
         DerivativeColumns { rows, d_dq: places.zeros(), d_dv: places.zeros(), d_da: places.zeros() }
     }
-    #[inline(always)]
-    fn vector<W: Wide<T>>(&self, s: usize, row: usize, at: usize) -> Vec3<W> {
-        let r = &self.rows[row * s + at..];
-        Vec3([W::load(r), W::load(&r[s..]), W::load(&r[2 * s..])])
+}
+
+type Columns<'a, T> = Rows<'a, T, COUNT>;
+
+/// Begins a column.
+#[inline(always)]
+fn begin<T: Scalar>(columns: &mut Columns<'_, T>, at: usize, column: &Column<T>) {
+    columns.set_wrench(INERTIA, at, column.inertia);
+    columns.set_wrench(POSITION, at, column.position);
+    columns.set_wrench(VELOCITY, at, column.velocity);
+    columns.set_vector(GYROSCOPIC, at, column.gyroscopic);
+}
+
+/// Component i of H of the wrenches from row `row` on.
+#[inline(always)]
+fn along<T: Scalar, W: Wide<T>>(
+    columns: &Columns<'_, T>,
+    hinge: &Hinge<T::Constant>,
+    i: usize,
+    row: usize,
+    at: usize,
+) -> W {
+    match hinge {
+        Hinge::Revolute => columns.load(row + 2, at),
+        _ => hinge.project(i, &columns.wrench(row, at)),
     }
-    #[inline(always)]
-    fn set_vector<W: Wide<T>>(&mut self, s: usize, row: usize, at: usize, x: Vec3<W>) {
-        let r = &mut self.rows[row * s + at..];
-        x.0[0].store(r);
-        x.0[1].store(&mut r[s..]);
-        x.0[2].store(&mut r[2 * s..]);
-    }
-    #[inline(always)]
-    fn wrench<W: Wide<T>>(&self, s: usize, row: usize, at: usize) -> Wrench<W> {
-        Wrench::new(self.vector(s, row, at), self.vector(s, row + 3, at))
-    }
-    #[inline(always)]
-    fn set_wrench<W: Wide<T>>(&mut self, s: usize, row: usize, at: usize, f: Wrench<W>) {
-        self.set_vector(s, row, at, f.moment);
-        self.set_vector(s, row + 3, at, f.force);
-    }
-    /// Begins a column.
-    #[inline(always)]
-    fn set(&mut self, s: usize, at: usize, column: &Column<T>) {
-        self.set_wrench(s, INERTIA, at, column.inertia);
-        self.set_wrench(s, POSITION, at, column.position);
-        self.set_wrench(s, VELOCITY, at, column.velocity);
-        self.set_vector(s, GYROSCOPIC, at, column.gyroscopic);
-    }
-    /// Component i of H of the wrenches in `rows`.
-    #[inline(always)]
-    fn along<W: Wide<T>>(&self, s: usize, hinge: &Hinge<T::Constant>, i: usize, row: usize, at: usize) -> W {
-        match hinge {
-            Hinge::Revolute => W::load(&self.rows[(row + 2) * s + at..]),
-            Hinge::Helical { pitch } => {
-                let (n, f) = (&self.rows[(row + 2) * s + at..], &self.rows[(row + 5) * s + at..]);
-                W::load(f).fma(W::constant(*pitch), W::load(n))
-            }
-            _ => W::load(&self.rows[(row + hinge.components()[i]) * s + at..]),
-        }
-    }
-    /// Row and column of axis i of a joint, at place `here`, with the columns at `at` and beside it from `skip` on.
-    #[inline(always)]
-    fn meet<W: Wide<T>, const MASS: bool>(
-        &mut self,
-        s: usize,
-        hinge: &Hinge<T::Constant>,
-        i: usize,
-        rates: &AxisRates<T>,
-        here: usize,
-        (at, skip): (usize, usize),
-    ) {
-        let row = here * s + at;
-        self.along::<W>(s, hinge, i, POSITION, at).store(&mut self.d_dq[row..]);
-        self.along::<W>(s, hinge, i, VELOCITY, at).store(&mut self.d_dv[row..]);
-        if MASS {
-            self.along::<W>(s, hinge, i, INERTIA, at).store(&mut self.d_da[row..]);
-        }
-        let inertia = self.wrench::<W>(s, INERTIA, at);
-        let gyroscopic = self.vector::<W>(s, GYROSCOPIC, at);
-        let down = at * s + here;
-        let position = see(&inertia, gyroscopic, &rates.position, rates.psi);
-        scatter(position, &mut self.d_dq, down, s, skip);
-        let velocity = if let Hinge::Revolute = hinge {
-            // Γ has no more than two components, s one.
-            let [x, y, _] = rates.velocity.angular.0;
-            let [n, m, _] = inertia.moment.0;
-            n.fma(W::broadcast(x), m.fma(W::broadcast(y), gyroscopic.0[2]))
-        } else {
-            see(&inertia, gyroscopic, &rates.velocity, rates.axis.angular)
-        };
-        scatter(velocity, &mut self.d_dv, down, s, skip);
-    }
-    /// φ(p, k) of columns; `drift` is −2u.
-    #[inline(always)]
-    fn shift<W: Wide<T>>(&mut self, s: usize, passage: &WidePassage<'_, T, W>, drift: Vec3<W>, at: usize) {
-        let inertia = passage.wrench_to_parent(self.wrench::<W>(s, INERTIA, at));
-        self.set_wrench(s, INERTIA, at, inertia);
-        let turned = passage.vector_to_parent(self.vector::<W>(s, GYROSCOPIC, at));
-        self.set_vector(s, GYROSCOPIC, at, inertia.force.cross_add(drift, turned));
-        let position = passage.wrench_to_parent(self.wrench::<W>(s, POSITION, at));
-        self.set_wrench(s, POSITION, at, position);
-        let velocity = passage.wrench_to_parent(self.wrench::<W>(s, VELOCITY, at));
-        self.set_wrench(s, VELOCITY, at, velocity);
-    }
+}
+
+/// The columns at `at` and beside it, from `skip` on, as row and column of axis i of a joint see them.
+#[inline(always)]
+fn meet<T: Scalar, W: Wide<T>>(
+    columns: &Columns<'_, T>,
+    hinge: &Hinge<T::Constant>,
+    rates: &AxisRates<T>,
+    at: usize,
+) -> [W; 2] {
+    let inertia = columns.wrench::<W>(INERTIA, at);
+    let gyroscopic = columns.vector::<W>(GYROSCOPIC, at);
+    let position = see(&inertia, gyroscopic, &rates.position, rates.psi);
+    let velocity = if let Hinge::Revolute = hinge {
+        // Γ has no more than two components, s one.
+        let [x, y, _] = rates.velocity.angular.0;
+        let [n, m, _] = inertia.moment.0;
+        n.fma(W::broadcast(x), m.fma(W::broadcast(y), gyroscopic.0[2]))
+    } else {
+        see(&inertia, gyroscopic, &rates.velocity, rates.axis.angular)
+    };
+    [position, velocity]
+}
+
+/// φ(p, k) of columns; `drift` is −2u.
+#[inline(always)]
+fn shift<T: Scalar, W: Wide<T>>(
+    columns: &mut Columns<'_, T>,
+    passage: &WidePassage<'_, T, W>,
+    drift: Vec3<W>,
+    at: usize,
+) {
+    let inertia = passage.wrench_to_parent(columns.wrench::<W>(INERTIA, at));
+    columns.set_wrench(INERTIA, at, inertia);
+    let turned = passage.vector_to_parent(columns.vector::<W>(GYROSCOPIC, at));
+    columns.set_vector(GYROSCOPIC, at, inertia.force.cross_add(drift, turned));
+    let position = passage.wrench_to_parent(columns.wrench::<W>(POSITION, at));
+    columns.set_wrench(POSITION, at, position);
+    let velocity = passage.wrench_to_parent(columns.wrench::<W>(VELOCITY, at));
+    columns.set_wrench(VELOCITY, at, velocity);
 }
 
 /// A change Ψ or Γ inboard and its angular part ψ or s, as the rows of the columns see it.
@@ -155,40 +136,51 @@ impl<T: Scalar> DerivativeSweeps<T> {
         shifts: &Shifts<T>,
         v: &[T],
     ) {
-        let s = self.places.stride;
+        let DerivativeSweeps { places, moving, composite: composites, columns: all, .. } = self;
+        let s = places.stride;
+        let DerivativeColumns { rows, d_dq, d_dv, d_da } = all;
+        let mut columns = Columns::new(rows, s);
         for (k, body) in layout.bodies().iter().enumerate().rev() {
-            let (moving, composite) = (self.moving[k], self.composite[k]);
-            let (first, end) = (self.places.first[k], self.places.end[k]);
+            let (moving, composite) = (&moving[k], composites[k]);
+            let (first, end) = (places.first[k], places.end[k]);
             let count = body.hinge.nv();
             let inner = first + count;
-            let columns = &mut self.columns;
             for i in 0..count {
                 let (rates, column) = if let Hinge::Revolute = body.hinge {
-                    composite.revolute(&moving)
+                    composite.revolute(moving)
                 } else {
-                    composite.general::<TURNING>(body, i, &moving, &v[body.v..])
+                    composite.general::<TURNING>(body, i, moving, &v[body.v..])
                 };
                 let here = first + i;
-                columns.set(s, here, &column);
+                begin(&mut columns, here, &column);
                 let mut at = end;
                 while at > inner {
                     at -= W::COUNT;
+                    let row = here * s..(here + 1) * s;
+                    along::<T, W>(&columns, &body.hinge, i, POSITION, at).store(&mut d_dq[row.clone()][at..]);
+                    along::<T, W>(&columns, &body.hinge, i, VELOCITY, at).store(&mut d_dv[row.clone()][at..]);
+                    if TURNING {
+                        along::<T, W>(&columns, &body.hinge, i, INERTIA, at).store(&mut d_da[row][at..]);
+                    }
                     let skip = inner.saturating_sub(at);
-                    columns.meet::<W, TURNING>(s, &body.hinge, i, &rates, here, (at, skip));
+                    let [position, velocity] = meet::<T, W>(&columns, &body.hinge, &rates, at);
+                    scatter(position, d_dq, s, (at, here), skip);
+                    scatter(velocity, d_dv, s, (at, here), skip);
                 }
                 if W::COUNT > 1 {
+                    // The last group has written more than there is.
                     let before = here * s + first - W::COUNT;
-                    W::zero().store(&mut columns.d_dq[before..]);
-                    W::zero().store(&mut columns.d_dv[before..]);
+                    W::zero().store(&mut d_dq[before..]);
+                    W::zero().store(&mut d_dv[before..]);
                 }
             }
             for i in 0..count {
                 for c in first..inner {
                     let row = (first + i) * s + c;
-                    columns.d_dq[row] = columns.along::<T>(s, &body.hinge, i, POSITION, c);
-                    columns.d_dv[row] = columns.along::<T>(s, &body.hinge, i, VELOCITY, c);
+                    d_dq[row] = along::<T, T>(&columns, &body.hinge, i, POSITION, c);
+                    d_dv[row] = along::<T, T>(&columns, &body.hinge, i, VELOCITY, c);
                     if TURNING {
-                        columns.d_da[row] = columns.along::<T>(s, &body.hinge, i, INERTIA, c);
+                        d_da[row] = along::<T, T>(&columns, &body.hinge, i, INERTIA, c);
                     }
                 }
             }
@@ -198,9 +190,9 @@ impl<T: Scalar> DerivativeSweeps<T> {
             for i in 0..count {
                 // The force itself turns and moves with the axis, as the parent sees it.
                 let turned = body.hinge.axis(i).cross_wrench(composite.force);
-                let mut position = columns.wrench::<T>(s, POSITION, first + i);
+                let mut position = columns.wrench::<T>(POSITION, first + i);
                 position += turned;
-                columns.set_wrench(s, POSITION, first + i, position);
+                columns.set_wrench(POSITION, first + i, position);
             }
             let passage = shifts.at(k, body);
             let wide = WidePassage::<T, W>::new(body, shifts.at(k, body));
@@ -208,10 +200,10 @@ impl<T: Scalar> DerivativeSweeps<T> {
             let mut at = end;
             while at > first {
                 at -= W::COUNT;
-                columns.shift(s, &wide, drift, at);
+                shift(&mut columns, &wide, drift, at);
             }
             let moved = composite.shifted(&passage, moving.drift);
-            self.composite[body.parent].add(&moved);
+            composites[body.parent].add(&moved);
         }
     }
 }

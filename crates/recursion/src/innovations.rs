@@ -15,9 +15,9 @@ use crate::columns::{WidePassage, vector};
 use crate::error::DynamicsError;
 use crate::hinge::Hinge;
 use crate::layout::{GROUND, Layout, Shifts};
-use crate::side_by_side::{Places, ROWS};
+use crate::side_by_side::{Places, ROWS, Rows};
 use phipsi_spatial::wide::{Wide, WideKernel};
-use phipsi_spatial::{Scalar, Vec3, Wrench};
+use phipsi_spatial::{Scalar, Wrench};
 
 /// L and D⁻¹ of one configuration.
 #[derive(Clone, Debug)]
@@ -50,22 +50,6 @@ impl<T: Scalar> Innovations<T> {
             places,
         }
     }
-    #[inline(always)]
-    fn column<W: Wide<T>>(&self, at: usize) -> Wrench<W> {
-        let s = self.places.stride;
-        let (a, b, c) = (&self.gains[at..], &self.gains[s + at..], &self.gains[2 * s + at..]);
-        let (d, e, f) = (&self.gains[3 * s + at..], &self.gains[4 * s + at..], &self.gains[5 * s + at..]);
-        let moment = Vec3([W::load(a), W::load(b), W::load(c)]);
-        Wrench::new(moment, Vec3([W::load(d), W::load(e), W::load(f)]))
-    }
-    #[inline(always)]
-    fn set_column<W: Wide<T>>(&mut self, at: usize, z: Wrench<W>) {
-        let s = self.places.stride;
-        for i in 0..3 {
-            z.moment.0[i].store(&mut self.gains[i * s + at..]);
-            z.force.0[i].store(&mut self.gains[(3 + i) * s + at..]);
-        }
-    }
     /// Takes the pivots of an articulated sweep and the shifts of the same configuration. Cost O(n · depth), no allocation.
     #[inline(always)]
     pub(crate) fn update<W: Wide<T>>(
@@ -74,32 +58,37 @@ impl<T: Scalar> Innovations<T> {
         pivots: &[Pivot<T>],
         shifts: &Shifts<T>,
     ) {
-        let s = self.places.stride;
+        let Innovations { places, operator, inverse: inverses, gains, .. } = self;
+        let s = places.stride;
+        let mut z = Rows::<T, 6>::new(gains, s);
         for (k, body) in layout.bodies().iter().enumerate().rev() {
-            let (first, end) = (self.places.first[k], self.places.end[k]);
+            let (first, end) = (places.first[k], places.end[k]);
             let inner = first + body.hinge.nv();
             // Own columns, out of the way of the groups.
             let mut own = [Wrench::<T>::zero(); 6];
             for i in 0..inner - first {
                 let Pivot { gain, inverse } = pivots[body.v + i];
-                let row = (first + i) * s;
-                self.inverse[first + i] = inverse;
+                let row = &mut operator[(first + i) * s..(first + i + 1) * s];
+                inverses[first + i] = inverse;
                 let wide = Wrench::new(vector::<T, W>(gain.moment), vector(gain.force));
                 let mut at = end;
                 while at > inner {
                     at -= W::COUNT;
-                    let mut z = self.column::<W>(at);
-                    let innovation = -body.hinge.project(i, &z);
-                    add_scaled(&mut z, &wide, innovation);
-                    innovation.store(&mut self.operator[row + at..]);
-                    self.set_column(at, z);
+                    let mut moved = z.wrench::<W>(0, at);
+                    let innovation = -match body.hinge {
+                        Hinge::Revolute => moved.moment.0[2],
+                        _ => body.hinge.project(i, &moved),
+                    };
+                    add_scaled(&mut moved, &wide, innovation);
+                    innovation.store(&mut row[at..]);
+                    z.set_wrench(0, at, moved);
                 }
                 if W::COUNT > 1 {
-                    W::zero().store(&mut self.operator[row + first - W::COUNT..]);
+                    W::zero().store(&mut row[first - W::COUNT..]);
                 }
                 // Innovations of the axes before this one in the joint; none of those that come after.
                 for c in 0..inner - first {
-                    let entry = &mut self.operator[row + first + c];
+                    let entry = &mut row[first + c];
                     *entry = if c == i { T::one() } else { T::zero() };
                     if c < i {
                         let innovation = -body.hinge.project(i, &own[c]);
@@ -110,13 +99,13 @@ impl<T: Scalar> Innovations<T> {
                 own[i] = gain;
             }
             for i in 0..inner - first {
-                self.set_column(first + i, own[i]);
+                z.set_wrench(0, first + i, own[i]);
             }
             if matches!(body.hinge, Hinge::Free) {
                 // G = I: the joint passes its own force and nothing of what comes from outboard.
                 for at in first..end {
-                    let z = if at < inner { Wrench::unit(at - first) } else { Wrench::zero() };
-                    self.set_column::<T>(at, z);
+                    let passed = if at < inner { Wrench::unit(at - first) } else { Wrench::zero() };
+                    z.set_wrench::<T>(0, at, passed);
                 }
             }
             if body.parent != GROUND {
@@ -124,8 +113,7 @@ impl<T: Scalar> Innovations<T> {
                 let mut at = end;
                 while at > first {
                     at -= W::COUNT;
-                    let z = passage.wrench_to_parent(self.column::<W>(at));
-                    self.set_column(at, z);
+                    z.set_wrench(0, at, passage.wrench_to_parent(z.wrench::<W>(0, at)));
                 }
             }
         }
@@ -138,13 +126,19 @@ impl<T: Scalar> Innovations<T> {
         // Y = −D⁻¹ L B.
         for (block, &(low, high)) in outboard.iter().enumerate() {
             let row = places.margin + block * ROWS;
+            let (mut rows, n) = (operator[row * s..(row + ROWS) * s].chunks_exact(s), high - low);
+            let mut next = || rows.next().unwrap_or_default()[low..high][..n].as_ref();
+            let weights: [&[T]; ROWS] = [next(), next(), next(), next()];
             let mut at = places.margin;
             while at < places.past {
+                let end = at + W::COUNT;
                 let mut sums = [[W::zero(); ROWS]; 2];
-                for c in low..high {
-                    let (x, y) = (W::load(&b[0][c * s + at..]), W::load(&b[1][c * s + at..]));
+                let rows =
+                    b[0][low * s..high * s].chunks_exact(s).zip(b[1][low * s..high * s].chunks_exact(s));
+                for (c, (x, y)) in rows.enumerate().take(n) {
+                    let (x, y) = (W::load(&x[at..end]), W::load(&y[at..end]));
                     for r in 0..ROWS {
-                        let weight = W::broadcast(operator[(row + r) * s + c]);
+                        let weight = W::broadcast(weights[r][c]);
                         sums[0][r] = x.fma(weight, sums[0][r]);
                         sums[1][r] = y.fma(weight, sums[1][r]);
                     }
@@ -163,11 +157,15 @@ impl<T: Scalar> Innovations<T> {
             let row = places.margin + block * ROWS;
             let mut at = places.margin;
             while at < places.past {
+                let end = at + W::COUNT;
                 let mut sums = [[W::zero(); ROWS]; 2];
                 for &(low, high) in spans {
-                    for i in low..high {
-                        let (x, y) = (W::load(&first[i * s + at..]), W::load(&second[i * s + at..]));
-                        let weights = &operator[i * s + row..i * s + row + ROWS];
+                    let range = low * s..high * s;
+                    let rows =
+                        first[range.clone()].chunks_exact(s).zip(second[range.clone()].chunks_exact(s));
+                    for ((x, y), weights) in rows.zip(operator[range].chunks_exact(s)) {
+                        let (x, y) = (W::load(&x[at..end]), W::load(&y[at..end]));
+                        let weights = &weights[row..row + ROWS];
                         for r in 0..ROWS {
                             let weight = W::broadcast(weights[r]);
                             sums[0][r] = x.fma(weight, sums[0][r]);
@@ -192,11 +190,13 @@ impl<T: Scalar> Innovations<T> {
             let row = places.margin + block * ROWS;
             let mut at = row - (row - places.margin) % W::COUNT;
             while at < places.past {
+                let end = at + W::COUNT;
                 let mut sums = [W::zero(); ROWS];
                 for &(low, high) in spans {
-                    for i in low..high {
-                        let y = W::load(&operator[i * s + at..]) * W::broadcast(inverse[i]);
-                        let weights = &operator[i * s + row..i * s + row + ROWS];
+                    let rows = operator[low * s..high * s].chunks_exact(s);
+                    for (weights, inverse) in rows.zip(&inverse[low..high]) {
+                        let y = W::load(&weights[at..end]) * W::broadcast(*inverse);
+                        let weights = &weights[row..row + ROWS];
                         for r in 0..ROWS {
                             sums[r] = y.fma(W::broadcast(weights[r]), sums[r]);
                         }

@@ -5,8 +5,8 @@
 //! belongs to bodies that come later, and is overwritten when they come. A margin before the first place gives it room.
 
 use crate::layout::{GROUND, Layout};
-use phipsi_spatial::Scalar;
 use phipsi_spatial::wide::{WIDEST, Wide};
+use phipsi_spatial::{Scalar, Vec3, Wrench};
 
 /// Rows that a product takes at once.
 pub(crate) const ROWS: usize = 4;
@@ -137,16 +137,75 @@ impl Places {
     }
 }
 
-/// Lane l of `x` from lane `skip` on becomes the number at `first` + l `step`.
+/// Number l of `x`, from `skip` on, becomes the number `column` of row `first` + l of a matrix.
 #[inline(always)]
-pub(crate) fn scatter<T: Scalar, W: Wide<T>>(x: W, out: &mut [T], first: usize, step: usize, skip: usize) {
+pub(crate) fn scatter<T: Scalar, W: Wide<T>>(
+    x: W,
+    matrix: &mut [T],
+    stride: usize,
+    (first, column): (usize, usize),
+    skip: usize,
+) {
+    let rows = &mut matrix[(first + skip) * stride..];
     if W::COUNT == 1 {
-        x.store(&mut out[first..]);
+        x.store(&mut rows[column..]);
         return;
     }
     let mut numbers = [T::zero(); WIDEST];
     x.store(&mut numbers);
-    for lane in skip..W::COUNT {
-        out[first + lane * step] = numbers[lane];
+    for (row, x) in rows.chunks_exact_mut(stride).zip(&numbers[skip..W::COUNT]) {
+        row[column] = *x;
+    }
+}
+
+/// N rows of equal length, one place for each column. Their lengths are known to be equal where they are used, so that one
+/// test of a range serves all.
+pub(crate) struct Rows<'a, T, const N: usize> {
+    rows: [&'a mut [T]; N],
+    length: usize,
+}
+
+impl<'a, T: Scalar, const N: usize> Rows<'a, T, N> {
+    /// The first rows of `numbers`.
+    #[inline(always)]
+    pub(crate) fn new(mut numbers: &'a mut [T], length: usize) -> Self {
+        let mut rows: [&'a mut [T]; N] = [(); N].map(
+            #[inline(always)]
+            |()| Default::default(),
+        );
+        for row in &mut rows {
+            (*row, numbers) = numbers.split_at_mut(length);
+        }
+        Rows { rows, length }
+    }
+    /// Row `r`, from place `at` on.
+    #[inline(always)]
+    pub(crate) fn load<W: Wide<T>>(&self, r: usize, at: usize) -> W {
+        W::load(&self.rows[r][..self.length][at..at + W::COUNT])
+    }
+    #[inline(always)]
+    pub(crate) fn store<W: Wide<T>>(&mut self, r: usize, at: usize, x: W) {
+        x.store(&mut self.rows[r][..self.length][at..at + W::COUNT]);
+    }
+    /// Rows `r` to `r` + 2.
+    #[inline(always)]
+    pub(crate) fn vector<W: Wide<T>>(&self, r: usize, at: usize) -> Vec3<W> {
+        Vec3([self.load(r, at), self.load(r + 1, at), self.load(r + 2, at)])
+    }
+    #[inline(always)]
+    pub(crate) fn set_vector<W: Wide<T>>(&mut self, r: usize, at: usize, x: Vec3<W>) {
+        self.store(r, at, x.0[0]);
+        self.store(r + 1, at, x.0[1]);
+        self.store(r + 2, at, x.0[2]);
+    }
+    /// Rows `r` to `r` + 5.
+    #[inline(always)]
+    pub(crate) fn wrench<W: Wide<T>>(&self, r: usize, at: usize) -> Wrench<W> {
+        Wrench::new(self.vector(r, at), self.vector(r + 3, at))
+    }
+    #[inline(always)]
+    pub(crate) fn set_wrench<W: Wide<T>>(&mut self, r: usize, at: usize, f: Wrench<W>) {
+        self.set_vector(r, at, f.moment);
+        self.set_vector(r + 3, at, f.force);
     }
 }
