@@ -27,6 +27,8 @@ to repeat it, `pip install -r validation/requirements.txt ./crates/python`, then
 - phipsi is built as it is published: no processor-specific flags; the instruction level is chosen at run time. Operations on a batch: CPU time of
   all threads together, per state, against one state of the others.
 - Ratio: time(phipsi) / time(other); below 1 phipsi is faster.
+- Times of phipsi alone: `cargo bench -p phipsi-recursion` (`--bench forward_dynamics` for one file; `--features parallel` for threads), which prints processor,
+  lanes, compiler and flags first. Instructions instead of times, for regressions: `python3 tools/instructions.py --check tools/instructions.json` (valgrind).
 """
 
 

@@ -90,3 +90,32 @@ fn every_row_is_full_and_names_what_exists() {
         }
     }
 }
+
+/// Algorithms without a bench of their own: the forms are in `form`, the operator is a part of the derivatives, and the
+/// check runs once for a model.
+const NO_BENCH: [&str; 4] =
+    ["hinge_check", "innovations", "refined_forward_dynamics", "square_root_forward_dynamics"];
+
+#[test]
+fn every_algorithm_has_a_bench_of_its_name() {
+    let benches = stems("crates/recursion/benches");
+    for stem in algorithms() {
+        let has = benches.contains(&stem);
+        assert!(
+            has != NO_BENCH.contains(&stem.as_str()),
+            "crates/recursion/benches/{stem}.rs: {}",
+            if has { "take it off NO_BENCH" } else { "missing" }
+        );
+    }
+    // `long` measures several algorithms on many bodies.
+    let sources = stems("crates/recursion/src");
+    let stray: Vec<&String> = benches.iter().filter(|b| *b != "long" && !sources.contains(*b)).collect();
+    assert!(stray.is_empty(), "benches without a file of that name in recursion: {stray:?}");
+    let manifest = read(root().join("crates/recursion/Cargo.toml"));
+    for bench in benches {
+        assert!(
+            manifest.contains(&format!("[[bench]]\nname = \"{bench}\"\nharness = false")),
+            "`{bench}` is not in recursion's manifest, or not with `harness = false`"
+        );
+    }
+}

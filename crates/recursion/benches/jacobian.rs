@@ -1,0 +1,25 @@
+//! The Jacobian of the last body, 6×nv, one state, workspace kept.
+
+mod common;
+
+use common::{Example, MODELS, STATES, calls};
+use divan::Bencher;
+use divan::counter::ItemsCount;
+use phipsi_recursion::Jacobian;
+
+fn main() {
+    common::header("The Jacobian of the last body, 6×nv, one state, workspace kept; items are bodies");
+    divan::main();
+}
+
+#[divan::bench(args = MODELS, sample_size = STATES, min_time = 0.1)]
+fn jacobian(bencher: Bencher<'_, '_>, model: &str) {
+    let example = Example::named(model);
+    let nv = example.layout.nv();
+    bencher.counter(ItemsCount::new(example.layout.len())).bench_local(calls(
+        &example,
+        6 * nv,
+        Jacobian::new(&example.layout),
+        |work, e, s, out| work.run(&e.layout, &s.q, Some(e.model.len() - 1), None, out),
+    ));
+}
