@@ -163,10 +163,18 @@ impl<'a, T: Scalar, W: Wide<T>> WidePassage<'a, T, W> {
             None => self.body.link.wrench_to_parent(&self.shift, f),
         }
     }
+    /// R x.
+    #[inline(always)]
+    pub(crate) fn vector_to_parent(&self, x: Vec3<W>) -> Vec3<W> {
+        match &self.general {
+            Some(pose) => pose.rotation * x,
+            None => self.body.link.vector_to_parent(&self.shift, x),
+        }
+    }
 }
 
 /// The same vector in every lane.
 #[inline(always)]
-fn vector<T: Scalar, W: Wide<T>>(v: Vec3<T>) -> Vec3<W> {
+pub(crate) fn vector<T: Scalar, W: Wide<T>>(v: Vec3<T>) -> Vec3<W> {
     Vec3([W::broadcast(v.0[0]), W::broadcast(v.0[1]), W::broadcast(v.0[2])])
 }

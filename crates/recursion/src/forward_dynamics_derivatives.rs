@@ -11,9 +11,9 @@ use crate::error::{DynamicsError, check_length};
 use crate::forward_dynamics::ForwardDynamics;
 use crate::hinge::Hinge;
 use crate::innovations::Innovations;
-use crate::inverse_dynamics_derivatives::{DerivativeSweeps, Matrices};
-use crate::kernel::kernel;
+use crate::inverse_dynamics_derivatives::DerivativeSweeps;
 use crate::layout::Layout;
+use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{Motion, Scalar, Wrench};
 
 /// Workspace of the derivatives of forward dynamics.
@@ -76,11 +76,9 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
         self.sweeps.load(layout, wrenches);
         let (v, d_dtau) = (T::arithmetic(v), T::arithmetic_mut(d_dtau));
         let (d_dq, d_dv) = (T::arithmetic_mut(d_dq), T::arithmetic_mut(d_dv));
-        T::Arithmetic::dispatch(Derive { work: self, layout, v, d_dq, d_dv });
-        // Kernels of their own: smaller functions keep their sums in registers.
-        let innovations = &mut self.innovations;
-        T::Arithmetic::dispatch(Solve { innovations, layout, d_dq, d_dv });
-        T::Arithmetic::dispatch(Finish { work: self, layout, v, d_dv, d_dtau });
+        T::Arithmetic::dispatch_wide(Derive { work: self, layout, v });
+        // A kernel of its own: smaller functions keep their sums in registers.
+        T::Arithmetic::dispatch_wide(Solve { work: self, layout, v, out: [d_dq, d_dv, d_dtau] });
         Ok(())
     }
     /// θ̈ of the last successful run.
@@ -89,41 +87,43 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
     }
 }
 
-kernel! {
-    Derive<'a, T> {
-        work: &'a mut ForwardDynamicsDerivatives<T>,
-        layout: &'a Layout<T::Constant>,
-        v: &'a [T::Arithmetic],
-        d_dq: &'a mut [T::Arithmetic],
-        d_dv: &'a mut [T::Arithmetic],
-    } -> () {
-        let ForwardDynamicsDerivatives { forward, sweeps, innovations, acceleration } = work;
+struct Derive<'a, T: Scalar> {
+    work: &'a mut ForwardDynamicsDerivatives<T>,
+    layout: &'a Layout<T::Constant>,
+    v: &'a [T::Arithmetic],
+}
+
+impl<T: Scalar> WideKernel<T::Arithmetic> for Derive<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run<W: Wide<T::Arithmetic>>(self) {
+        let Derive {
+            work: ForwardDynamicsDerivatives { forward, sweeps, innovations, acceleration },
+            layout,
+            v,
+        } = self;
         sweeps.outboard::<false>(layout, &forward.shifts, v, T::arithmetic(acceleration));
-        sweeps.inboard::<false>(layout, v, Matrices { d_dq, d_dv, d_da: None });
-        innovations.update(layout, &forward.pivots, &sweeps.poses);
+        sweeps.inboard::<false, W>(layout, &forward.shifts, v);
+        innovations.update::<W>(layout, &forward.pivots, &forward.shifts);
     }
 }
 
-kernel! {
-    Solve<'a, T> {
-        innovations: &'a mut Innovations<T>,
-        layout: &'a Layout<T::Constant>,
-        d_dq: &'a mut [T],
-        d_dv: &'a mut [T],
-    } -> () {
-        innovations.negative_solve(layout, d_dq, d_dv);
-    }
+struct Solve<'a, T: Scalar> {
+    work: &'a mut ForwardDynamicsDerivatives<T>,
+    layout: &'a Layout<T::Constant>,
+    v: &'a [T::Arithmetic],
+    /// ∂θ̈/∂q, ∂θ̈/∂v, M⁻¹.
+    out: [&'a mut [T::Arithmetic]; 3],
 }
 
-kernel! {
-    Finish<'a, T> {
-        work: &'a mut ForwardDynamicsDerivatives<T>,
-        layout: &'a Layout<T::Constant>,
-        v: &'a [T::Arithmetic],
-        d_dv: &'a mut [T::Arithmetic],
-        d_dtau: &'a mut [T::Arithmetic],
-    } -> () {
-        work.innovations.inverse_mass_matrix(layout, d_dtau);
+impl<T: Scalar> WideKernel<T::Arithmetic> for Solve<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run<W: Wide<T::Arithmetic>>(self) {
+        let Solve { work, layout, v, out: [d_dq, d_dv, d_dtau] } = self;
+        let columns = &work.sweeps.columns;
+        work.innovations.negative_solve::<W>([&columns.d_dq, &columns.d_dv], [d_dq, d_dv]);
+        work.innovations.inverse_mass_matrix::<W>(d_dtau);
         subtract_turning_rates(layout, v, d_dv);
         let acceleration = T::arithmetic_mut(&mut work.acceleration);
         for body in layout.bodies() {

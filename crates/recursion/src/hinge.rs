@@ -190,6 +190,9 @@ impl<C: Copy> Hinge<C> {
     }
 }
 
+/// Three axes of a frame in another, and its origin there.
+pub(crate) type Axes<T> = ([Vec3<T>; 3], Vec3<T>);
+
 /// A vector, given its components along three axes.
 #[inline(always)]
 pub(crate) fn combine<T: Scalar>([x, y, z]: &[Vec3<T>; 3], v: Vec3<T>) -> Vec3<T> {

@@ -11,218 +11,227 @@
 //! where heavy bodies hang on light ones.
 
 use crate::articulated_sweep::{ArticulatedSweep, Pivot};
+use crate::columns::{WidePassage, vector};
 use crate::error::DynamicsError;
 use crate::hinge::Hinge;
-use crate::inverse_dynamics_derivatives::subtree_ends;
-use crate::layout::{GROUND, Layout};
-use phipsi_spatial::{Scalar, Transform, Wrench};
-use std::ops::Range;
-
-/// Columns of each of two matrices that are worked on at once.
-const WIDTH: usize = 12;
-
-/// A row of them, in cache lines of its own.
-#[derive(Clone, Copy, Debug)]
-#[repr(align(64))]
-struct Row<T>([T; 2 * WIDTH]);
-
-impl<T: Scalar> Row<T> {
-    /// += w y.
-    #[inline(always)]
-    fn add_scaled(&mut self, y: &Self, w: T) {
-        for x in 0..2 * WIDTH {
-            self.0[x] = y.0[x].fma(w, self.0[x]);
-        }
-    }
-}
+use crate::layout::{GROUND, Layout, Shifts};
+use crate::side_by_side::{Places, ROWS, Rows};
+use phipsi_spatial::wide::{Wide, WideKernel};
+use phipsi_spatial::{Scalar, Wrench};
 
 /// L and D⁻¹ of one configuration.
 #[derive(Clone, Debug)]
 pub(crate) struct Innovations<T> {
-    /// For every body, one past the last degree of freedom outboard of it.
-    ends: Vec<usize>,
-    /// L by rows. Only entries of joints outboard are ever written; the others stay zero.
+    pub(crate) places: Places,
+    /// For groups of rows: where L, and where L*, is not zero.
+    outboard: Vec<(usize, usize)>,
+    inboard: Vec<Vec<(usize, usize)>>,
+    /// L. What is zero for every configuration is never anything else between calls.
     operator: Vec<T>,
-    /// L*, below the diagonal of L only.
-    transposed: Vec<T>,
-    /// For every body, which of `runs` are the degrees of freedom on its parent's way to the base.
-    ways: Vec<Range<usize>>,
-    runs: Vec<Range<usize>>,
-    /// D⁻¹.
+    /// D⁻¹, by places.
     inverse: Vec<T>,
-    /// z of every column.
-    gains: Vec<Wrench<T>>,
-    /// A few columns of two matrices.
-    rows: Vec<Row<T>>,
+    /// z of every column, by components.
+    gains: Vec<T>,
+    /// −D⁻¹ L B of two matrices B.
+    scaled: [Vec<T>; 2],
 }
 
 impl<T: Scalar> Innovations<T> {
     /// A workspace for a layout.
     pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
-        let nv = layout.nv();
-        let (mut ways, mut runs): (Vec<Range<usize>>, Vec<Range<usize>>) = (Vec::new(), Vec::new());
-        for body in layout.bodies() {
-            let start = runs.len();
-            if body.parent != GROUND {
-                let up = &layout.bodies()[body.parent];
-                let own = up.v..up.v + up.hinge.nv();
-                runs.extend_from_within(ways[body.parent].clone());
-                match runs[start..].last_mut() {
-                    Some(last) if last.end == own.start => last.end = own.end,
-                    _ => runs.push(own),
-                }
-            }
-            ways.push(start..runs.len());
-        }
+        let places = Places::new::<T>(layout);
         Innovations {
-            ends: subtree_ends(layout),
-            transposed: vec![T::zero(); nv * nv],
-            ways,
-            runs,
-            operator: vec![T::zero(); nv * nv],
-            inverse: vec![T::zero(); nv],
-            gains: vec![Wrench::zero(); nv],
-            rows: vec![Row([T::zero(); 2 * WIDTH]); nv],
+            outboard: places.outboard_spans(),
+            inboard: places.inboard_spans::<T>(layout),
+            operator: places.zeros(),
+            inverse: vec![T::zero(); places.stride],
+            gains: vec![T::zero(); 6 * places.stride],
+            scaled: [places.zeros(), places.zeros()],
+            places,
         }
     }
-    /// Takes the pivots of an articulated sweep and the poses of the same configuration. Cost O(n · depth), no allocation.
+    /// Takes the pivots of an articulated sweep and the shifts of the same configuration. Cost O(n · depth), no allocation.
     #[inline(always)]
-    pub(crate) fn update(
+    pub(crate) fn update<W: Wide<T>>(
         &mut self,
         layout: &Layout<T::Constant>,
         pivots: &[Pivot<T>],
-        poses: &[Transform<T>],
+        shifts: &Shifts<T>,
     ) {
-        let nv = layout.nv();
+        let Innovations { places, operator, inverse: inverses, gains, .. } = self;
+        let s = places.stride;
+        let mut z = Rows::<T, 6>::new(gains, s);
         for (k, body) in layout.bodies().iter().enumerate().rev() {
-            let (first, inner, end) = (body.v, body.v + body.hinge.nv(), self.ends[k]);
-            for i in first..inner {
-                let Pivot { gain, inverse } = pivots[i];
-                self.inverse[i] = inverse;
-                let row = &mut self.operator[i * nv..(i + 1) * nv];
-                row[i] = T::one();
-                // Innovations of the axes before this one in the joint, then of the joints outboard.
-                innovate(&body.hinge, i - first, gain, &mut row[first..i], &mut self.gains[first..i]);
-                innovate(&body.hinge, i - first, gain, &mut row[inner..end], &mut self.gains[inner..end]);
-                for c in (first..i).chain(inner..end) {
-                    self.transposed[c * nv + i] = row[c];
+            let (first, end) = (places.first[k], places.end[k]);
+            let inner = first + body.hinge.nv();
+            // Own columns, out of the way of the groups.
+            let mut own = [Wrench::<T>::zero(); 6];
+            for i in 0..inner - first {
+                let Pivot { gain, inverse } = pivots[body.v + i];
+                let row = &mut operator[(first + i) * s..(first + i + 1) * s];
+                inverses[first + i] = inverse;
+                let wide = Wrench::new(vector::<T, W>(gain.moment), vector(gain.force));
+                let mut at = end;
+                while at > inner {
+                    at -= W::COUNT;
+                    let mut moved = z.wrench::<W>(0, at);
+                    let innovation = -match body.hinge {
+                        Hinge::Revolute => moved.moment.0[2],
+                        _ => body.hinge.project(i, &moved),
+                    };
+                    add_scaled(&mut moved, &wide, innovation);
+                    innovation.store(&mut row[at..]);
+                    z.set_wrench(0, at, moved);
                 }
-                self.gains[i] = gain;
+                if W::COUNT > 1 {
+                    W::zero().store(&mut row[first - W::COUNT..]);
+                }
+                // Innovations of the axes before this one in the joint; none of those that come after.
+                for c in 0..inner - first {
+                    let entry = &mut row[first + c];
+                    *entry = if c == i { T::one() } else { T::zero() };
+                    if c < i {
+                        let innovation = -body.hinge.project(i, &own[c]);
+                        add_scaled(&mut own[c], &gain, innovation);
+                        *entry = innovation;
+                    }
+                }
+                own[i] = gain;
+            }
+            for i in 0..inner - first {
+                z.set_wrench(0, first + i, own[i]);
             }
             if matches!(body.hinge, Hinge::Free) {
                 // G = I: the joint passes its own force and nothing of what comes from outboard.
-                (first..inner).for_each(|i| self.gains[i] = Wrench::unit(i - first));
-                self.gains[inner..end].fill(Wrench::zero());
+                for at in first..end {
+                    let passed = if at < inner { Wrench::unit(at - first) } else { Wrench::zero() };
+                    z.set_wrench::<T>(0, at, passed);
+                }
             }
             if body.parent != GROUND {
-                let pose = poses[k];
-                for gain in &mut self.gains[first..end] {
-                    *gain = pose.wrench_to_parent(*gain);
+                let passage = WidePassage::<T, W>::new(body, shifts.at(k, body));
+                let mut at = end;
+                while at > first {
+                    at -= W::COUNT;
+                    z.set_wrench(0, at, passage.wrench_to_parent(z.wrench::<W>(0, at)));
                 }
             }
         }
     }
-    /// B ← −M⁻¹ B for two matrices of nv rows and columns.
+    /// −M⁻¹ B for two matrices B of the places, to the model's order.
     #[inline(always)]
-    pub(crate) fn negative_solve(&mut self, layout: &Layout<T::Constant>, first: &mut [T], second: &mut [T]) {
-        let nv = layout.nv();
-        let mut at = 0;
-        while at < nv {
-            let width = WIDTH.min(nv - at);
-            let sources = first.chunks_exact(nv).zip(second.chunks_exact(nv));
-            for (row, (a, b)) in self.rows.iter_mut().zip(sources) {
-                row.0[..width].copy_from_slice(&a[at..at + width]);
-                row.0[WIDTH..WIDTH + width].copy_from_slice(&b[at..at + width]);
-            }
-            self.solve_rows(layout);
-            let targets = first.chunks_exact_mut(nv).zip(second.chunks_exact_mut(nv));
-            for (row, (a, b)) in self.rows.iter().zip(targets) {
-                a[at..at + width].copy_from_slice(&row.0[..width]);
-                b[at..at + width].copy_from_slice(&row.0[WIDTH..WIDTH + width]);
-            }
-            at += width;
-        }
-    }
-    #[inline(always)]
-    fn solve_rows(&mut self, layout: &Layout<T::Constant>) {
-        let nv = layout.nv();
-        let rows = &mut self.rows[..nv];
-        // Y = −D⁻¹ L B, from the base outward: a row takes rows that are not changed yet.
-        for (k, body) in layout.bodies().iter().enumerate() {
-            let (first, inner, end) = (body.v, body.v + body.hinge.nv(), self.ends[k]);
-            for i in (first..inner).rev() {
-                let weights = &self.operator[i * nv..(i + 1) * nv];
-                let mut sum = rows[i];
-                for (w, y) in weights[first..i].iter().zip(&rows[first..i]) {
-                    sum.add_scaled(y, *w);
-                }
-                for (w, y) in weights[inner..end].iter().zip(&rows[inner..end]) {
-                    sum.add_scaled(y, *w);
-                }
-                let scale = -self.inverse[i];
-                for x in 0..2 * WIDTH {
-                    rows[i].0[x] = sum.0[x] * scale;
-                }
-            }
-        }
-        // L* Y, from the tips inward: a row takes rows of the way to the base, which change later.
-        for (k, body) in layout.bodies().iter().enumerate().rev() {
-            let (first, inner) = (body.v, body.v + body.hinge.nv());
-            for c in first..inner {
-                let weights = &self.transposed[c * nv..(c + 1) * nv];
-                let mut sum = rows[c];
-                for (w, y) in weights[c + 1..inner].iter().zip(&rows[c + 1..inner]) {
-                    sum.add_scaled(y, *w);
-                }
-                for run in &self.runs[self.ways[k].clone()] {
-                    for (w, y) in weights[run.clone()].iter().zip(&rows[run.clone()]) {
-                        sum.add_scaled(y, *w);
+    pub(crate) fn negative_solve<W: Wide<T>>(&mut self, b: [&[T]; 2], out: [&mut [T]; 2]) {
+        let Innovations { places, outboard, inboard, operator, inverse, scaled: [first, second], .. } = self;
+        let s = places.stride;
+        // Y = −D⁻¹ L B.
+        for (block, &(low, high)) in outboard.iter().enumerate() {
+            let row = places.margin + block * ROWS;
+            let (mut rows, n) = (operator[row * s..(row + ROWS) * s].chunks_exact(s), high - low);
+            let mut next = || rows.next().unwrap_or_default()[low..high][..n].as_ref();
+            let weights: [&[T]; ROWS] = [next(), next(), next(), next()];
+            let mut at = places.margin;
+            while at < places.past {
+                let end = at + W::COUNT;
+                let mut sums = [[W::zero(); ROWS]; 2];
+                let rows =
+                    b[0][low * s..high * s].chunks_exact(s).zip(b[1][low * s..high * s].chunks_exact(s));
+                for (c, (x, y)) in rows.enumerate().take(n) {
+                    let (x, y) = (W::load(&x[at..end]), W::load(&y[at..end]));
+                    for r in 0..ROWS {
+                        let weight = W::broadcast(weights[r][c]);
+                        sums[0][r] = x.fma(weight, sums[0][r]);
+                        sums[1][r] = y.fma(weight, sums[1][r]);
                     }
                 }
-                rows[c] = sum;
+                for r in 0..ROWS {
+                    let scale = -W::broadcast(inverse[row + r]);
+                    (sums[0][r] * scale).store(&mut first[(row + r) * s + at..]);
+                    (sums[1][r] * scale).store(&mut second[(row + r) * s + at..]);
+                }
+                at += W::COUNT;
+            }
+        }
+        // L* Y.
+        let [out_first, out_second] = out;
+        for (block, spans) in inboard.iter().enumerate() {
+            let row = places.margin + block * ROWS;
+            let mut at = places.margin;
+            while at < places.past {
+                let end = at + W::COUNT;
+                let mut sums = [[W::zero(); ROWS]; 2];
+                for &(low, high) in spans {
+                    let range = low * s..high * s;
+                    let rows =
+                        first[range.clone()].chunks_exact(s).zip(second[range.clone()].chunks_exact(s));
+                    for ((x, y), weights) in rows.zip(operator[range].chunks_exact(s)) {
+                        let (x, y) = (W::load(&x[at..end]), W::load(&y[at..end]));
+                        let weights = &weights[row..row + ROWS];
+                        for r in 0..ROWS {
+                            let weight = W::broadcast(weights[r]);
+                            sums[0][r] = x.fma(weight, sums[0][r]);
+                            sums[1][r] = y.fma(weight, sums[1][r]);
+                        }
+                    }
+                }
+                for r in 0..ROWS.min(places.past - row) {
+                    places.write(row + r, at, sums[0][r], out_first);
+                    places.write(row + r, at, sums[1][r], out_second);
+                }
+                at += W::COUNT;
             }
         }
     }
-    /// M⁻¹ = Σ over rows of L of ℓ* D⁻¹ ℓ, full and symmetric.
+    /// M⁻¹ = L* D⁻¹ L, full and symmetric, in the model's order.
     #[inline(always)]
-    pub(crate) fn inverse_mass_matrix(&self, layout: &Layout<T::Constant>, out: &mut [T]) {
-        let nv = layout.nv();
-        out.fill(T::zero());
-        for (k, body) in layout.bodies().iter().enumerate() {
-            let (first, end) = (body.v, self.ends[k]);
-            for i in first..body.v + body.hinge.nv() {
-                let weights = &self.operator[i * nv..(i + 1) * nv];
-                for c in first..end {
-                    // Right of the diagonal; ℓ is zero at the axes that come after i in its joint.
-                    let scale = weights[c] * self.inverse[i];
-                    let row = &mut out[c * nv + c..c * nv + end];
-                    for (x, y) in row.iter_mut().zip(&weights[c..end]) {
-                        *x = y.fma(scale, *x);
+    pub(crate) fn inverse_mass_matrix<W: Wide<T>>(&self, out: &mut [T]) {
+        let Innovations { places, inboard, operator, inverse, .. } = self;
+        let s = places.stride;
+        for (block, spans) in inboard.iter().enumerate() {
+            let row = places.margin + block * ROWS;
+            let mut at = row - (row - places.margin) % W::COUNT;
+            while at < places.past {
+                let end = at + W::COUNT;
+                let mut sums = [W::zero(); ROWS];
+                for &(low, high) in spans {
+                    let rows = operator[low * s..high * s].chunks_exact(s);
+                    for (weights, inverse) in rows.zip(&inverse[low..high]) {
+                        let y = W::load(&weights[at..end]) * W::broadcast(*inverse);
+                        let weights = &weights[row..row + ROWS];
+                        for r in 0..ROWS {
+                            sums[r] = y.fma(W::broadcast(weights[r]), sums[r]);
+                        }
                     }
                 }
+                for r in 0..ROWS.min(places.past - row) {
+                    places.write(row + r, at, sums[r], out);
+                }
+                at += W::COUNT;
             }
         }
-        for c in 0..nv {
-            for x in c + 1..nv {
-                out[x * nv + c] = out[c * nv + x];
-            }
-        }
+        places.mirror(out);
     }
 }
 
-/// One row of L: ε = −H z for every column, and z⁺ = z + G ε.
+/// z += x g.
 #[inline(always)]
-fn innovate<T: Scalar>(
-    hinge: &Hinge<T::Constant>,
-    i: usize,
-    gain: Wrench<T>,
-    row: &mut [T],
-    gains: &mut [Wrench<T>],
-) {
-    for (entry, z) in row.iter_mut().zip(gains) {
-        let innovation = -hinge.project(i, z);
-        *z += gain.scale(innovation);
-        *entry = innovation;
+fn add_scaled<T: Scalar>(z: &mut Wrench<T>, g: &Wrench<T>, x: T) {
+    z.moment = g.moment.scale_add(x, z.moment);
+    z.force = g.force.scale_add(x, z.force);
+}
+
+/// [`Innovations::update`] by itself.
+struct Update<'a, T: Scalar> {
+    innovations: &'a mut Innovations<T>,
+    layout: &'a Layout<T::Constant>,
+    pivots: &'a [Pivot<T>],
+    shifts: &'a Shifts<T>,
+}
+
+impl<T: Scalar> WideKernel<T> for Update<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run<W: Wide<T>>(self) {
+        self.innovations.update::<W>(self.layout, self.pivots, self.shifts);
     }
 }
 
@@ -236,8 +245,10 @@ pub fn innovations_operator<T: Scalar>(
 ) -> Result<Vec<T>, DynamicsError> {
     let sweep = ArticulatedSweep::new(layout, q)?;
     let mut innovations = Innovations::new(layout);
-    let bodies = layout.bodies().iter().enumerate();
-    let poses: Vec<_> = bodies.map(|(k, body)| sweep.shifts.at(k, body).pose()).collect();
-    innovations.update(layout, &sweep.pivots, &poses);
-    Ok(innovations.operator.into_iter().map(T::from_arithmetic).collect())
+    let (pivots, shifts) = (&sweep.pivots, &sweep.shifts);
+    T::Arithmetic::dispatch_wide(Update { innovations: &mut innovations, layout, pivots, shifts });
+    let mut out = vec![T::zero(); layout.nv() * layout.nv()];
+    let Innovations { places, operator, .. } = &innovations;
+    places.write_all::<_, T::Arithmetic>(operator, T::arithmetic_mut(&mut out));
+    Ok(out)
 }

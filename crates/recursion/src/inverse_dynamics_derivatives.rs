@@ -20,110 +20,30 @@
 //! linear velocity is zero. Moving to the parent changes the frame of reference by u, and −2B by the composite's mass and first
 //! moment times u. So no speed against the world enters, as in [`crate::kinematics`].
 
+use crate::derivative_columns::{Column, DerivativeColumns};
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
-use crate::kernel::kernel;
-use crate::layout::{GROUND, Layout, LayoutBody, Shifts};
-use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Sym3, Transform, Vec3, Wrench};
-use std::ops::Range;
+use crate::layout::{GROUND, Layout, LayoutBody, Passage, Shifts};
+use crate::side_by_side::Places;
+use phipsi_spatial::wide::{Wide, WideKernel};
+use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Sym3, Vec3, Wrench};
 
 /// What one degree of freedom brings to the entries of its column.
 #[derive(Clone, Copy, Debug)]
-struct AxisRates<T> {
+pub(crate) struct AxisRates<T> {
     /// S.
-    axis: Motion<T>,
+    pub(crate) axis: Motion<T>,
     /// ψ.
-    psi: Vec3<T>,
+    pub(crate) psi: Vec3<T>,
     /// Ψ.
-    position: Motion<T>,
+    pub(crate) position: Motion<T>,
     /// Γ.
-    velocity: Motion<T>,
-}
-
-/// Changes of forces at unit changes of one degree of freedom c, moved inward from body to body. Four six-vectors side by side,
-/// so that one instruction works on all:
-///
-/// | | |
-/// |---|---|
-/// | 0 | R S, the force of an acceleration; also the weights with which rows of c see changes Ψ and Γ inboard |
-/// | 1 | force of a change of position |
-/// | 2 | force of a change of velocity |
-/// | 3 | −2B* S, the weights with which rows of c see angular changes of velocity inboard; its force is zero |
-#[derive(Clone, Copy, Debug)]
-#[repr(align(64))]
-struct Column<T> {
-    moment: [[T; 4]; 3],
-    force: [[T; 4]; 3],
-}
-
-impl<T: Scalar> Column<T> {
-    fn zero() -> Self {
-        Column { moment: [[T::zero(); 4]; 3], force: [[T::zero(); 4]; 3] }
-    }
-    #[inline(always)]
-    fn new(inertia: Wrench<T>, position: Wrench<T>, velocity: Wrench<T>, gyroscopic: Vec3<T>) -> Self {
-        let (mut moment, mut force) = ([[T::zero(); 4]; 3], [[T::zero(); 4]; 3]);
-        for i in 0..3 {
-            moment[i] = [inertia.moment.0[i], position.moment.0[i], velocity.moment.0[i], gyroscopic.0[i]];
-            force[i] = [inertia.force.0[i], position.force.0[i], velocity.force.0[i], T::zero()];
-        }
-        Column { moment, force }
-    }
-    /// The components along the i-th axis of a joint.
-    #[inline(always)]
-    fn along(&self, hinge: &Hinge<T::Constant>, i: usize) -> [T; 4] {
-        if let Hinge::Revolute = hinge {
-            return self.moment[2];
-        }
-        let component = hinge.components()[i];
-        let mut along = if component < 3 { self.moment[component] } else { self.force[component - 3] };
-        if let Hinge::Helical { pitch } = hinge {
-            for x in 0..4 {
-                along[x] = self.force[2][x].fma(T::constant(*pitch), along[x]);
-            }
-        }
-        along
-    }
-    /// A change Ψ or Γ inboard and its angular part ψ or s, as the row of c sees it.
-    #[inline(always)]
-    fn see(&self, change: Motion<T>, angular: Vec3<T>) -> T {
-        let (n, f) = (&self.moment, &self.force);
-        let ([a, b, c], [d, e, g], [x, y, z]) = (change.angular.0, change.linear.0, angular.0);
-        let first = n[0][0].fma(a, n[1][0].fma(b, n[2][0] * c));
-        let second = f[0][0].fma(d, f[1][0].fma(e, f[2][0] * g));
-        n[0][3].fma(x, n[1][3].fma(y, n[2][3].fma(z, first + second)))
-    }
-    /// Moved to the parent; `drift` is −2u.
-    #[inline(always)]
-    fn shifted(&self, pose: &Transform<T>, drift: Vec3<T>) -> Self {
-        let r = &pose.rotation.0;
-        let mut moved = Self::zero();
-        for (to, row) in moved.force.iter_mut().zip(r) {
-            for x in 0..4 {
-                to[x] = row[0].fma(self.force[0][x], row[1].fma(self.force[1][x], row[2] * self.force[2][x]));
-            }
-        }
-        let f = moved.force;
-        let t = pose.translation.0;
-        for i in 0..3 {
-            let (j, k) = ((i + 1) % 3, (i + 2) % 3);
-            let (row, m) = (&r[i], &self.moment);
-            for x in 0..4 {
-                let lever = t[j].fma(f[k][x], -(t[k] * f[j][x]));
-                moved.moment[i][x] = row[0].fma(m[0][x], row[1].fma(m[1][x], row[2].fma(m[2][x], lever)));
-            }
-        }
-        let gyroscopic = drift.cross(Vec3([f[0][0], f[1][0], f[2][0]]));
-        for (to, x) in moved.moment.iter_mut().zip(gyroscopic.0) {
-            to[3] -= x;
-        }
-        moved
-    }
+    pub(crate) velocity: Motion<T>,
 }
 
 /// Motion of one body: what the inward sweep needs of it.
 #[derive(Clone, Copy, Debug)]
-struct Moving<T> {
+pub(crate) struct Moving<T> {
     /// ω.
     omega: Vec3<T>,
     /// α.
@@ -133,12 +53,12 @@ struct Moving<T> {
     /// α_λ.
     carried_alpha: Motion<T>,
     /// −2u, parent's axes.
-    drift: Vec3<T>,
+    pub(crate) drift: Vec3<T>,
 }
 
 /// Sums over a body and all outboard of it.
 #[derive(Clone, Copy, Debug)]
-struct Composite<T> {
+pub(crate) struct Composite<T> {
     /// R.
     inertia: RigidInertia<T>,
     /// −2N.
@@ -146,7 +66,7 @@ struct Composite<T> {
     /// −2l.
     momentum: Vec3<T>,
     /// f.
-    force: Wrench<T>,
+    pub(crate) force: Wrench<T>,
 }
 
 /// Workspace of the derivatives of inverse dynamics.
@@ -205,55 +125,47 @@ impl<T: Scalar> InverseDynamicsDerivatives<T> {
         }
         self.sweeps.load(layout, wrenches);
         let (q, v, a) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic(a));
-        let (d_dq, d_dv) = (T::arithmetic_mut(d_dq), T::arithmetic_mut(d_dv));
-        let out = Matrices { d_dq, d_dv, d_da: Some(T::arithmetic_mut(d_da)) };
-        T::Arithmetic::dispatch(Derive {
-            shifts: &mut self.shifts,
-            sweeps: &mut self.sweeps,
-            layout,
-            q,
-            v,
-            a,
-            out,
-        });
+        let out = [T::arithmetic_mut(d_dq), T::arithmetic_mut(d_dv), T::arithmetic_mut(d_da)];
+        let (shifts, sweeps) = (&mut self.shifts, &mut self.sweeps);
+        T::Arithmetic::dispatch_wide(Derive { shifts, sweeps, layout, q, v, a, out });
         Ok(())
     }
 }
 
-kernel! {
-    Derive<'a, T> {
-        shifts: &'a mut Shifts<T>,
-        sweeps: &'a mut DerivativeSweeps<T>,
-        layout: &'a Layout<T::Constant>,
-        q: &'a [T],
-        v: &'a [T],
-        a: &'a [T],
-        out: Matrices<'a, T>,
-    } -> () {
-        shifts.set_all(layout, q);
-        sweeps.outboard::<true>(layout, shifts, v, a);
-        sweeps.inboard::<true>(layout, v, out);
-    }
+struct Derive<'a, T: Scalar> {
+    shifts: &'a mut Shifts<T>,
+    sweeps: &'a mut DerivativeSweeps<T>,
+    layout: &'a Layout<T::Constant>,
+    q: &'a [T],
+    v: &'a [T],
+    a: &'a [T],
+    /// ∂T/∂q, ∂T/∂v, M.
+    out: [&'a mut [T]; 3],
 }
 
-/// Where the derivatives go: nv×nv matrices by rows.
-pub(crate) struct Matrices<'a, T> {
-    pub(crate) d_dq: &'a mut [T],
-    pub(crate) d_dv: &'a mut [T],
-    pub(crate) d_da: Option<&'a mut [T]>,
+impl<T: Scalar> WideKernel<T> for Derive<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run<W: Wide<T>>(self) {
+        let Derive { shifts, sweeps, layout, q, v, a, out: [d_dq, d_dv, d_da] } = self;
+        shifts.set_all(layout, q);
+        sweeps.outboard::<true>(layout, shifts, v, a);
+        sweeps.inboard::<true, W>(layout, shifts, v);
+        let (places, columns) = (&sweeps.places, &sweeps.columns);
+        places.write_all::<T, W>(&columns.d_dq, d_dq);
+        places.write_all::<T, W>(&columns.d_dv, d_dv);
+        places.write_all::<T, W>(&columns.d_da, d_da);
+        places.mirror(d_da);
+    }
 }
 
 /// The two sweeps and what they need.
 #[derive(Clone, Debug)]
 pub(crate) struct DerivativeSweeps<T> {
-    /// For every body, one past the last degree of freedom outboard of it: with the model's depth-first order, those of a
-    /// subtree are a range.
-    ends: Vec<usize>,
-    /// X of every body.
-    pub(crate) poses: Vec<Transform<T>>,
-    moving: Vec<Moving<T>>,
-    composite: Vec<Composite<T>>,
-    columns: Vec<Column<T>>,
+    pub(crate) places: Places,
+    pub(crate) moving: Vec<Moving<T>>,
+    pub(crate) composite: Vec<Composite<T>>,
+    pub(crate) columns: DerivativeColumns<T>,
     /// Minus the external wrenches, where there are any.
     loads: Vec<Wrench<T>>,
     loaded: bool,
@@ -275,12 +187,12 @@ impl<T: Scalar> DerivativeSweeps<T> {
             momentum: zero,
             force: Wrench::zero(),
         };
+        let places = Places::new::<T>(layout);
         DerivativeSweeps {
-            ends: subtree_ends(layout),
-            poses: vec![Transform::identity(); layout.len()],
+            columns: DerivativeColumns::new(&places),
+            places,
             moving: vec![moving; layout.len()],
             composite: vec![composite; layout.len()],
-            columns: vec![Column::zero(); layout.nv()],
             loads: vec![Wrench::zero(); layout.len()],
             loaded: false,
         }
@@ -296,28 +208,33 @@ impl<T: Scalar> DerivativeSweeps<T> {
     ) {
         let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity()));
         for (k, body) in layout.bodies().iter().enumerate() {
-            let pose = shifts.at(k, body).pose();
+            let passage = shifts.at(k, body);
             let joint = body.hinge.expand(&v[body.v..]);
-            let (inboard, mut alpha) = match body.parent {
+            let (inboard, alpha) = match body.parent {
                 GROUND => (Vec3::zero(), ground),
                 p => (self.moving[p].omega, self.moving[p].alpha),
             };
-            let around = inboard.cross(pose.translation);
-            alpha.linear += inboard.cross(around);
-            let carried_omega = pose.rotation.transpose_mul(inboard);
-            let carried_alpha = pose.motion_to_child(alpha);
+            let mut carried_alpha = passage.motion_to_child(alpha);
+            let mut around = Vec3::zero();
+            let mut carried_omega = Vec3::zero();
+            if body.parent != GROUND {
+                let centripetal;
+                (carried_omega, centripetal) = passage.carried(inboard);
+                carried_alpha.linear += centripetal;
+                around = inboard.cross(passage.translation());
+            }
             let omega = carried_omega + joint.angular;
-            let coriolis = Motion::new(
-                carried_omega.cross(joint.angular),
-                (carried_omega + carried_omega).cross(joint.linear),
-            );
             let mut own = body.hinge.expand(&a[body.v..]);
             if TURNING {
                 own += body.hinge.turning(&v[body.v..]);
             }
-            let alpha = carried_alpha + own + coriolis;
-            let drift = (around + pose.rotation * joint.linear).scale(-T::splat(2.0));
-            self.poses[k] = pose;
+            let mut alpha = carried_alpha + own;
+            alpha.angular += carried_omega.cross(joint.angular);
+            if !matches!(body.hinge, Hinge::Revolute) {
+                alpha.linear += (carried_omega + carried_omega).cross(joint.linear);
+                around += passage.vector_to_parent(joint.linear);
+            }
+            let drift = around.scale(-T::splat(2.0));
             self.moving[k] = Moving { omega, alpha, carried_omega, carried_alpha, drift };
             let mut composite = Composite::of_body(&RigidInertia::constant(&body.inertia), omega, alpha);
             if self.loaded {
@@ -337,144 +254,6 @@ impl<T: Scalar> DerivativeSweeps<T> {
             layout.gather_loads(wrenches, &mut self.loads);
         }
     }
-
-    /// Composites and columns, from the tips to the base; every body meets the columns of all joints outboard of it. With
-    /// `TURNING`, v̇ is the derivative of v; without, v̇ + c is the number that stays while v changes.
-    #[inline(always)]
-    pub(crate) fn inboard<const TURNING: bool>(
-        &mut self,
-        layout: &Layout<T::Constant>,
-        v: &[T],
-        out: Matrices<'_, T>,
-    ) {
-        let Matrices { d_dq, d_dv, mut d_da } = out;
-        d_dq.fill(T::zero());
-        d_dv.fill(T::zero());
-        if let Some(d_da) = &mut d_da {
-            d_da.fill(T::zero());
-        }
-        let nv = layout.nv();
-        for (k, body) in layout.bodies().iter().enumerate().rev() {
-            let (moving, composite) = (&self.moving[k], &self.composite[k]);
-            let (first, inner, end) = (body.v, body.v + body.hinge.nv(), self.ends[k]);
-            for i in first..inner {
-                let rates;
-                if let Hinge::Revolute = body.hinge {
-                    (rates, self.columns[i]) = composite.revolute(moving);
-                } else {
-                    rates = axis_rates::<T, TURNING>(body, i - first, moving, &v[first..]);
-                    self.columns[i] = composite.column(&rates);
-                }
-                // Row and column of this axis with the joints outboard.
-                let outboard = &self.columns[inner..end];
-                let (q, v) = (below(d_dq, nv, i, inner..end), below(d_dv, nv, i, inner..end));
-                if let Hinge::Revolute = body.hinge {
-                    meet(
-                        i,
-                        &rates,
-                        outboard,
-                        q,
-                        v,
-                        #[inline(always)]
-                        |c| c.moment[2],
-                    );
-                } else {
-                    meet(
-                        i,
-                        &rates,
-                        outboard,
-                        q,
-                        v,
-                        #[inline(always)]
-                        |c| c.along(&body.hinge, i - first),
-                    );
-                }
-                if let Some(d_da) = &mut d_da {
-                    let (row, rows) = below(d_da, nv, i, inner..end);
-                    for ((x, row), column) in row.iter_mut().zip(rows).zip(&self.columns[inner..end]) {
-                        [*x, ..] = column.along(&body.hinge, i - first);
-                        row[i] = *x;
-                    }
-                }
-            }
-            for i in first..inner {
-                for c in first..inner {
-                    let at = i * nv + c;
-                    let along = self.columns[c].along(&body.hinge, i - first);
-                    [_, d_dq[at], d_dv[at], _] = along;
-                    if let Some(d_da) = &mut d_da {
-                        d_da[at] = along[0];
-                    }
-                }
-            }
-            if body.parent == GROUND {
-                continue;
-            }
-            for i in first..inner {
-                // The force itself turns and moves with the axis, as the parent sees it.
-                let turned = body.hinge.axis(i - first).cross_wrench(composite.force);
-                for j in 0..3 {
-                    self.columns[i].moment[j][1] += turned.moment.0[j];
-                    self.columns[i].force[j][1] += turned.force.0[j];
-                }
-            }
-            let (pose, drift) = (self.poses[k], moving.drift);
-            for column in &mut self.columns[first..end] {
-                *column = column.shifted(&pose, drift);
-                apart();
-            }
-            let moved = composite.shifted(&pose, drift);
-            self.composite[body.parent].add(&moved);
-        }
-    }
-}
-
-/// Keeps a compiler from turning the columns of a loop into lanes, by gather and scatter: the four vectors of each are lanes.
-#[inline(always)]
-fn apart() {
-    core::hint::black_box(());
-}
-
-/// Entries of row and column i with the columns outboard; `along` gives a column's components along the axis.
-#[inline(always)]
-fn meet<'a, T: Scalar>(
-    i: usize,
-    rates: &AxisRates<T>,
-    outboard: &[Column<T>],
-    (row_q, rows_q): (&mut [T], impl Iterator<Item = &'a mut [T]>),
-    (row_v, rows_v): (&mut [T], impl Iterator<Item = &'a mut [T]>),
-    along: impl Fn(&Column<T>) -> [T; 4],
-) {
-    let entries = row_q.iter_mut().zip(row_v).zip(rows_q.zip(rows_v)).zip(outboard);
-    for (((q, v), (row_q, row_v)), column) in entries {
-        [_, *q, *v, _] = along(column);
-        row_q[i] = column.see(rates.position, rates.psi);
-        row_v[i] = column.see(rates.velocity, rates.axis.angular);
-        apart();
-    }
-}
-
-/// Columns `range` of row i of a matrix with `nv` columns, and the rows `range`, all after row i.
-#[inline(always)]
-fn below<T>(
-    matrix: &mut [T],
-    nv: usize,
-    i: usize,
-    range: Range<usize>,
-) -> (&mut [T], impl Iterator<Item = &mut [T]>) {
-    let (upper, lower) = matrix[..range.end * nv].split_at_mut(range.start * nv);
-    (&mut upper[i * nv + range.start..i * nv + range.end], lower.chunks_exact_mut(nv))
-}
-
-/// For every body, one past the last degree of freedom outboard of it or its own.
-pub(crate) fn subtree_ends<C: phipsi_spatial::Real>(layout: &Layout<C>) -> Vec<usize> {
-    let mut ends: Vec<usize> = layout.bodies().iter().map(|b| b.v + b.hinge.nv()).collect();
-    for (k, body) in layout.bodies().iter().enumerate().rev() {
-        if body.parent != GROUND {
-            ends[body.parent] = ends[body.parent].max(ends[k]);
-        }
-    }
-    ends
 }
 
 /// S, ψ, Ψ and Γ of one axis.
@@ -512,10 +291,13 @@ impl<T: Scalar> Composite<T> {
         let trace = J.xx + J.yy + J.zz;
         let two = T::splat(2.0);
         let second = Sym3::diagonal(trace) + scaled(&J, -two);
-        let column = |j: usize| second.column(j).cross(omega);
         Composite {
             inertia: *M,
-            moment: Mat3::from_columns(column(0), column(1), column(2)),
+            moment: Mat3::from_columns(
+                second.column(0).cross(omega),
+                second.column(1).cross(omega),
+                second.column(2).cross(omega),
+            ),
             momentum: M.first_moment.cross(omega).scale(two),
             force: M.momentum(alpha) + M.gyroscopic(omega),
         }
@@ -529,16 +311,28 @@ impl<T: Scalar> Composite<T> {
     #[inline(always)]
     fn column(&self, rates: &AxisRates<T>) -> Column<T> {
         let (s, b) = (rates.axis.angular, rates.axis.linear);
-        Column::new(
-            self.inertia.momentum(rates.axis),
-            self.inertia.momentum(rates.position) + self.gyroscopic(rates.psi),
-            self.inertia.momentum(rates.velocity) + self.gyroscopic(s),
-            self.moment.transpose_mul(s) + b.cross(self.momentum),
-        )
+        Column {
+            inertia: self.inertia.momentum(rates.axis),
+            position: self.inertia.momentum(rates.position) + self.gyroscopic(rates.psi),
+            velocity: self.inertia.momentum(rates.velocity) + self.gyroscopic(s),
+            gyroscopic: self.moment.transpose_mul(s) + b.cross(self.momentum),
+        }
+    }
+    /// Rates and column of the i-th axis of a joint.
+    #[inline(always)]
+    pub(crate) fn general<const TURNING: bool>(
+        &self,
+        body: &LayoutBody<T::Constant>,
+        i: usize,
+        moving: &Moving<T>,
+        v: &[T],
+    ) -> (AxisRates<T>, Column<T>) {
+        let rates = axis_rates::<T, TURNING>(body, i, moving, v);
+        (rates, self.column(&rates))
     }
     /// Rates and column of the hinge about z: those of the general formulas, without their zeros.
     #[inline(always)]
-    fn revolute(&self, moving: &Moving<T>) -> (AxisRates<T>, Column<T>) {
+    pub(crate) fn revolute(&self, moving: &Moving<T>) -> (AxisRates<T>, Column<T>) {
         let o = T::zero();
         let ([x, y, z], w) = (moving.carried_omega.0, moving.carried_omega + moving.omega);
         let ([a, b, _], [c, d, _]) = (moving.carried_alpha.angular.0, moving.carried_alpha.linear.0);
@@ -563,33 +357,33 @@ impl<T: Scalar> Composite<T> {
             ]),
             Vec3([l[1], -l[0], o]) - lever(h, gamma),
         );
-        let column =
-            Column::new(inertia, self.inertia.momentum(position) + swing, velocity, self.moment.row(2));
+        let position_force = self.inertia.momentum(position) + swing;
+        let column = Column { inertia, position: position_force, velocity, gyroscopic: self.moment.row(2) };
         let velocity = Motion::new(gamma, Vec3::zero());
         (AxisRates { axis: Motion::unit(2), psi, position, velocity }, column)
     }
     /// Moved to the parent's origin and its frame of reference; `drift` is −2u.
     #[inline(always)]
-    fn shifted(&self, pose: &Transform<T>, drift: Vec3<T>) -> Self {
-        let inertia = pose.rigid_to_parent(&self.inertia);
-        let l = pose.rotation * self.momentum;
-        let (t, h) = (pose.translation, inertia.first_moment);
-        let mut moment = pose.rotation * self.moment * pose.rotation.transpose();
+    pub(crate) fn shifted(&self, passage: &Passage<'_, T>, drift: Vec3<T>) -> Self {
+        let inertia = passage.rigid_to_parent(&self.inertia);
+        let l = passage.vector_to_parent(self.momentum);
+        let (t, h) = (passage.translation(), inertia.first_moment);
+        let mut moment = passage.matrix_to_parent(&self.moment);
         let trace = t.dot(l) + h.dot(drift);
         for i in 0..3 {
-            let row = Vec3(moment.0[i]) + t.scale(l.0[i]) + h.scale(drift.0[i]);
+            let row = h.scale_add(drift.0[i], t.scale_add(l.0[i], Vec3(moment.0[i])));
             moment.0[i] = row.0;
             moment.0[i][i] -= trace;
         }
         Composite {
             inertia,
             moment,
-            momentum: l + drift.scale(inertia.mass),
-            force: pose.wrench_to_parent(self.force),
+            momentum: drift.scale_add(inertia.mass, l),
+            force: passage.wrench_to_parent(self.force),
         }
     }
     #[inline(always)]
-    fn add(&mut self, other: &Self) {
+    pub(crate) fn add(&mut self, other: &Self) {
         self.inertia = self.inertia + other.inertia;
         self.moment = self.moment + other.moment;
         self.momentum += other.momentum;
@@ -597,7 +391,7 @@ impl<T: Scalar> Composite<T> {
     }
 }
 
-/// (p, q, ·) · v for a v without z.
+/// (p, q, ·) · v.
 #[inline(always)]
 fn across<T: Scalar>(p: T, q: T, v: Vec3<T>) -> T {
     p.fma(v.0[0], q * v.0[1])

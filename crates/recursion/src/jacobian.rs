@@ -1,14 +1,11 @@
 //! The Jacobian J = B* φ* H* of a point of a body (paper 2, (4.8)).
 
 use crate::error::{DynamicsError, check_length};
-use crate::hinge::{Hinge, combine};
+use crate::hinge::{Axes, Hinge, combine};
 use crate::kernel::kernel;
 use crate::layout::{GROUND, Layout};
 use num_traits::{One, Zero};
 use phipsi_spatial::{Mat3, Scalar, Turn, Vec3};
-
-/// Axes of a body in the world, and its origin from its parent's.
-type Frame<T> = ([Vec3<T>; 3], Vec3<T>);
 
 /// Workspace of a Jacobian.
 #[derive(Clone, Debug)]
@@ -19,7 +16,8 @@ pub struct Jacobian<T: Scalar> {
     angle: Vec<T::Arithmetic>,
     sin: Vec<T::Arithmetic>,
     cos: Vec<T::Arithmetic>,
-    frames: Vec<Frame<T::Arithmetic>>,
+    /// Axes in the world, and the origin from the parent's.
+    frames: Vec<Axes<T::Arithmetic>>,
 }
 
 impl<T: Scalar> Jacobian<T> {

@@ -27,6 +27,7 @@
 pub mod articulated_sweep;
 pub mod batch;
 mod columns;
+mod derivative_columns;
 pub mod energy;
 pub mod error;
 pub mod form;
@@ -48,6 +49,7 @@ pub mod mass_matrix_inverse;
 pub mod momentum;
 mod packed;
 pub mod refined_forward_dynamics;
+mod side_by_side;
 pub mod square_root_forward_dynamics;
 
 pub use articulated_sweep::ArticulatedSweep;

@@ -263,6 +263,28 @@ impl<C: Real> Link<C> {
         let moment = shift.offset.cross_add(force, self.vector_up(shift.turn, f.moment));
         Wrench::new(self.first_up(moment), self.first_up(force))
     }
+    /// R x.
+    #[inline(always)]
+    pub(crate) fn vector_to_parent<T: Scalar<Constant = C>>(&self, shift: &Shift<T>, x: Vec3<T>) -> Vec3<T> {
+        self.first_up(self.vector_up(shift.turn, x))
+    }
+    /// R l: the body's origin in the parent.
+    #[inline(always)]
+    pub(crate) fn translation<T: Scalar<Constant = C>>(&self, shift: &Shift<T>) -> Vec3<T> {
+        self.first_up(shift.offset)
+    }
+    /// R A Rᵀ.
+    #[inline(always)]
+    pub(crate) fn matrix_to_parent<T: Scalar<Constant = C>>(&self, shift: &Shift<T>, A: &Mat3<T>) -> Mat3<T> {
+        let turned = shift.turn.matrix_up(Axis::Z, A);
+        let twisted = match self.shape {
+            Twist::Straight => turned,
+            Twist::Quarter => quarter_matrix(&turned),
+            Twist::BackQuarter => back_quarter_matrix(&turned),
+            Twist::Oblique => Turn::constant(&self.twist).matrix_up(Axis::X, &turned),
+        };
+        if self.has_first { Turn::constant(&self.first).matrix_up(Axis::Z, &twisted) } else { twisted }
+    }
     /// φ*(p, k) V.
     #[inline(always)]
     pub(crate) fn motion_to_child<T: Scalar<Constant = C>>(
@@ -439,21 +461,31 @@ fn back_quarter_symmetric<T: Scalar>(m: &Sym3<T>) -> Sym3<T> {
 }
 
 #[inline(always)]
+fn quarter_matrix<T: Scalar>(A: &Mat3<T>) -> Mat3<T> {
+    let [x, y, z] = A.0;
+    Mat3([[x[0], -x[2], x[1]], [-z[0], z[2], -z[1]], [y[0], -y[2], y[1]]])
+}
+
+#[inline(always)]
+fn back_quarter_matrix<T: Scalar>(A: &Mat3<T>) -> Mat3<T> {
+    let [x, y, z] = A.0;
+    Mat3([[x[0], x[2], -x[1]], [z[0], z[2], -z[1]], [-y[0], -y[2], y[1]]])
+}
+
+#[inline(always)]
 fn quarter<T: Scalar>(P: &ArticulatedInertia<T>) -> ArticulatedInertia<T> {
-    let [x, y, z] = P.coupling.0;
     ArticulatedInertia {
         inertia: quarter_symmetric(&P.inertia),
-        coupling: Mat3([[x[0], -x[2], x[1]], [-z[0], z[2], -z[1]], [y[0], -y[2], y[1]]]),
+        coupling: quarter_matrix(&P.coupling),
         mass: quarter_symmetric(&P.mass),
     }
 }
 
 #[inline(always)]
 fn back_quarter<T: Scalar>(P: &ArticulatedInertia<T>) -> ArticulatedInertia<T> {
-    let [x, y, z] = P.coupling.0;
     ArticulatedInertia {
         inertia: back_quarter_symmetric(&P.inertia),
-        coupling: Mat3([[x[0], x[2], -x[1]], [z[0], z[2], -z[1]], [-y[0], -y[2], y[1]]]),
+        coupling: back_quarter_matrix(&P.coupling),
         mass: back_quarter_symmetric(&P.mass),
     }
 }

@@ -6,9 +6,9 @@
 use crate::articulated_sweep::{ArticulatedSweep, SolveWorkspace};
 use crate::error::{DynamicsError, check_length};
 use crate::innovations::Innovations;
-use crate::kernel::kernel;
 use crate::layout::Layout;
-use phipsi_spatial::{Scalar, Transform};
+use phipsi_spatial::Scalar;
+use phipsi_spatial::wide::{Wide, WideKernel};
 
 /// Workspace of the solution with the mass matrix.
 #[derive(Clone, Debug)]
@@ -62,17 +62,12 @@ pub fn solve_mass_matrix<T: Scalar>(
 pub struct MassMatrixInverse<T: Scalar> {
     sweep: ArticulatedSweep<T>,
     innovations: Innovations<T::Arithmetic>,
-    poses: Vec<Transform<T::Arithmetic>>,
 }
 
 impl<T: Scalar> MassMatrixInverse<T> {
     /// A workspace for a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
-        MassMatrixInverse {
-            sweep: ArticulatedSweep::empty(layout),
-            innovations: Innovations::new(layout),
-            poses: vec![Transform::identity(); layout.len()],
-        }
+        MassMatrixInverse { sweep: ArticulatedSweep::empty(layout), innovations: Innovations::new(layout) }
     }
     /// The inverse of the mass matrix, full and symmetric, by rows. `q`: nq; `out`: nv×nv.
     ///
@@ -84,25 +79,26 @@ impl<T: Scalar> MassMatrixInverse<T> {
     pub fn run(&mut self, layout: &Layout<T::Constant>, q: &[T], out: &mut [T]) -> Result<(), DynamicsError> {
         layout.check_tree()?;
         check_length("out", out, layout.nv() * layout.nv())?;
-        check_length("workspace", &self.poses, layout.len())?;
+        check_length("workspace", &self.innovations.places.first, layout.len())?;
         self.sweep.update(layout, q)?;
-        T::Arithmetic::dispatch(Products::<T> { work: self, layout, out: T::arithmetic_mut(out) });
+        T::Arithmetic::dispatch_wide(Products::<T> { work: self, layout, out: T::arithmetic_mut(out) });
         Ok(())
     }
 }
 
-kernel! {
-    Products<'a, T> {
-        work: &'a mut MassMatrixInverse<T>,
-        layout: &'a Layout<T::Constant>,
-        out: &'a mut [T::Arithmetic],
-    } -> () {
-        let MassMatrixInverse { sweep, innovations, poses } = work;
-        for (k, body) in layout.bodies.iter().enumerate() {
-            poses[k] = sweep.shifts.at(k, body).pose();
-        }
-        innovations.update(layout, &sweep.pivots, poses);
-        innovations.inverse_mass_matrix(layout, out);
+struct Products<'a, T: Scalar> {
+    work: &'a mut MassMatrixInverse<T>,
+    layout: &'a Layout<T::Constant>,
+    out: &'a mut [T::Arithmetic],
+}
+
+impl<T: Scalar> WideKernel<T::Arithmetic> for Products<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run<W: Wide<T::Arithmetic>>(self) {
+        let MassMatrixInverse { sweep, innovations } = self.work;
+        innovations.update::<W>(self.layout, &sweep.pivots, &sweep.shifts);
+        innovations.inverse_mass_matrix::<W>(self.out);
     }
 }
 

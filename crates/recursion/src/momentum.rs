@@ -8,7 +8,7 @@
 use crate::articulated_sweep::Pending;
 use crate::energy::{CenterOfMass, Root};
 use crate::error::{DynamicsError, check_length};
-use crate::hinge::{Hinge, combine};
+use crate::hinge::{Axes, Hinge, combine};
 use crate::kernel::kernel;
 use crate::layout::{GROUND, Layout, Shifts};
 use crate::mass_matrix::Composites;
@@ -231,13 +231,7 @@ kernel! {
 
 /// Writes a momentum in the axes of a body, about its origin, as column `i`.
 #[inline(always)]
-fn put<T: Scalar>(
-    out: &mut [T],
-    nv: usize,
-    i: usize,
-    (axes, origin): &([Vec3<T>; 3], Vec3<T>),
-    h: Wrench<T>,
-) {
+fn put<T: Scalar>(out: &mut [T], nv: usize, i: usize, (axes, origin): &Axes<T>, h: Wrench<T>) {
     let force = combine(axes, h.force);
     let moment = origin.cross_add(force, combine(axes, h.moment));
     let column = Wrench::new(moment, force).to_array();

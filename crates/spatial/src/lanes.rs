@@ -279,6 +279,7 @@ impl Scalar for Fused {
         }
         kernel.run()
     }
+    const COLUMNS: usize = crate::wide::WIDEST;
     #[inline(always)]
     fn dispatch_wide<K: WideKernel<Self>>(kernel: K) -> K::Output {
         match Level::best() {

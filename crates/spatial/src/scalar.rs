@@ -58,6 +58,8 @@ pub trait Scalar:
     fn dispatch_wide<K: WideKernel<Self>>(kernel: K) -> K::Output {
         Self::dispatch(With::<Self, Self, K>::new(kernel))
     }
+    /// The most numbers of this type that [`Scalar::dispatch_wide`] puts side by side on any processor.
+    const COLUMNS: usize = 1;
     /// The same f64 in every lane, exactly.
     fn splat(x: f64) -> Self;
     /// A constant of the model, in every lane.

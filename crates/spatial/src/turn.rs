@@ -119,6 +119,11 @@ impl<T: Scalar> Turn<T> {
     pub fn symmetric_up(self, axis: Axis, m: &Sym3<T>) -> Sym3<T> {
         symmetric(self.products(), axis, m)
     }
+    /// R A Rᵀ.
+    #[inline(always)]
+    pub fn matrix_up(self, axis: Axis, m: &Mat3<T>) -> Mat3<T> {
+        full(self.products(), axis, m)
+    }
     /// A rigid inertia, in the parent's axes.
     #[inline(always)]
     pub fn rigid_up(self, axis: Axis, m: &RigidInertia<T>) -> RigidInertia<T> {
