@@ -5,8 +5,20 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Files of `recursion` that hold no algorithm.
-const SUPPORT: [&str; 10] =
-    ["batch", "columns", "error", "form", "hinge", "kernel", "layout", "lib", "link", "packed"];
+const SUPPORT: [&str; 12] = [
+    "batch",
+    "columns",
+    "derivative_columns",
+    "error",
+    "form",
+    "hinge",
+    "kernel",
+    "layout",
+    "lib",
+    "link",
+    "packed",
+    "side_by_side",
+];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
