@@ -159,7 +159,7 @@ fn momenta_change_by_forces_and_the_gradient() {
 /// H (H* v)~ μ of one joint, zero for joints that commute.
 fn own_bracket(model: &Model, k: usize, v: &[Dd], mu: &[Dd]) -> Vec<Dd> {
     let layout = Layout::<Dd>::new(model);
-    let body = layout.bodies()[k];
+    let body = layout.bodies()[layout.carriers()[k].body];
     let mut wrench = phipsi_spatial::Wrench::zero();
     for (i, &c) in body.hinge.components().iter().enumerate() {
         wrench.add_to(c, mu[body.v + i]);
