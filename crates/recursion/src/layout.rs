@@ -2,7 +2,7 @@
 //!
 //! Fixed joints are fused into the body that carries them; a universal joint becomes two hinges with a massless body
 //! between; frames are turned so that every joint axis is a coordinate axis (z for one-axis joints), and about that axis so
-//! that the passage to one child needs one turn less ([`crate::link`]). Each body of the model keeps its pose in the layout
+//! that the passage to one child needs one turn less (`link.rs`). Each body of the model keeps its pose in the layout
 //! body that carries it, so results come back in the user's frames and names.
 //!
 //! Bodies are stored depth first: a body's first child follows it, and what a sweep carries from body to body stays in

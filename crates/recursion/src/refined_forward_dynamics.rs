@@ -2,7 +2,7 @@
 //!
 //! | symbol | meaning | source |
 //! |---|---|---|
-//! | θ̈ | accelerations of the plain recursion | [`crate::forward_dynamics`] |
+//! | θ̈ | accelerations of the plain recursion | [`mod@crate::forward_dynamics`] |
 //! | T | generalised forces | paper 1 |
 //! | residual | T − inverse dynamics of θ̈; its accelerations are those of a tree at rest without weight | soa.md 2.2 |
 

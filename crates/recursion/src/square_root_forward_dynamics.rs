@@ -7,10 +7,10 @@
 //! | ρ, r | row that a hinge takes out: ρ x + r·α⁺ + y; ρ² = D, r ρ = P H* | 1, 6 | paper 1 (9.5)–(9.6) |
 //! | e | T − H p, joint force that is left for the hinge | 1 | |
 //! | u | e/ρ − y: then x = (u − r·α⁺)/ρ | 1 | paper 1 (9.13) |
-//! | a, c, ω, α | as in [`crate::forward_dynamics`] | | |
+//! | a, c, ω, α | as in [`mod@crate::forward_dynamics`] | | |
 //!
 //! The plain recursion subtracts U D⁻¹ U* from P, which loses ε × (mass ratio) where a heavy body hangs on a light one. Here
-//! reflections ([`rows`]) turn the rows of a body and its children until one of them alone contains the hinge; the others
+//! reflections (`rows.rs`) turn the rows of a body and its children until one of them alone contains the hinge; the others
 //! are what the joint lets through. Nothing is subtracted, and rows of all sizes keep their digits.
 //!
 //! A joint of several degrees of freedom is eliminated one after the other, displacements first: rotations are then found

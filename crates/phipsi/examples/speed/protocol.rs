@@ -39,7 +39,7 @@ impl States {
         Ok(States { count, nq, nv, rows })
     }
     /// States made in the program itself.
-    #[allow(dead_code)]
+    #[allow(dead_code)] // one of the programs that share this file uses it
     pub fn new(count: usize, nq: usize, nv: usize, rows: [Vec<f64>; 4]) -> Self {
         States { count, nq, nv, rows }
     }
@@ -60,7 +60,7 @@ impl States {
         &self.rows[3][i * self.nv..][..self.nv]
     }
     /// All states' q, v, tau, a, state by state.
-    #[allow(dead_code)]
+    #[allow(dead_code)] // one of the programs that share this file uses it
     pub fn all(&self) -> &[Vec<f64>; 4] {
         &self.rows
     }
