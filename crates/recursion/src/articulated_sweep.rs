@@ -15,7 +15,7 @@
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::{Hinge, each_component};
 use crate::kernel::kernel;
-use crate::layout::{GROUND, Layout, LayoutBody, Passage, Shifts};
+use crate::layout::{GROUND, Layout, LayoutBody, Passage, Pending, Shifts};
 use phipsi_spatial::{ArticulatedInertia, Motion, RigidInertia, Scalar, Vec3, Wrench};
 
 /// One eliminated degree of freedom.
@@ -205,60 +205,6 @@ pub(crate) fn smooth_revolute<T: Scalar>(pivot: &Pivot<T>, alpha: &mut Motion<T>
     let x = nu - across;
     alpha.angular.0[2] = z + x;
     x
-}
-
-/// Contributions of children to bodies that come later in an inward sweep: the first child's in hand, the others' on a stack.
-#[derive(Clone, Debug)]
-pub(crate) struct Pending<X> {
-    stack: Vec<X>,
-    top: usize,
-}
-
-impl<X: Copy> Pending<X> {
-    pub(crate) fn new<C>(layout: &Layout<C>, empty: X) -> Self {
-        Pending { stack: vec![empty; layout.waiting], top: 0 }
-    }
-    pub(crate) fn clear(&mut self) {
-        self.top = 0;
-    }
-    /// What body `k`, just done, gives to its parent: kept in hand if the parent is next.
-    #[inline(always)]
-    pub(crate) fn give<C: phipsi_spatial::Real>(
-        &mut self,
-        k: usize,
-        body: &LayoutBody<C>,
-        hand: &mut X,
-        x: X,
-    ) {
-        if body.follows_parent(k) {
-            *hand = x;
-        } else if body.parent != GROUND {
-            self.stack[self.top] = x;
-            self.top += 1;
-        }
-    }
-    /// Adds what all children but the first gave to what is in hand from the first.
-    #[inline(always)]
-    pub(crate) fn gather<C>(&mut self, body: &LayoutBody<C>, hand: &mut X, add: impl Fn(&mut X, &X)) {
-        for _ in 1..body.children {
-            self.top -= 1;
-            add(hand, &self.stack[self.top]);
-        }
-    }
-    /// [`Pending::gather`], or nothing at a tip.
-    #[inline(always)]
-    pub(crate) fn all<C>(
-        &mut self,
-        body: &LayoutBody<C>,
-        hand: &mut X,
-        add: impl Fn(&mut X, &X),
-    ) -> Option<X> {
-        if body.children == 0 {
-            return None;
-        }
-        self.gather(body, hand, add);
-        Some(*hand)
-    }
 }
 
 /// The factors of M(q): everything that M⁻¹ x needs.

@@ -11,18 +11,21 @@
 //! | α, α⁺ | acceleration of the body, and of its inboard side φ*α(p); α(ground) = (0, −g) | paper 1 (9.12)–(9.14) |
 
 use crate::articulated_sweep::{
-    Pending, Pivot, eliminate, filter, filter_revolute, revolute_pivot, smooth, smooth_revolute,
+    Pivot, eliminate, filter, filter_revolute, revolute_pivot, smooth, smooth_revolute,
 };
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
-use crate::inverse_dynamics::inverse_dynamics;
 use crate::kernel::kernel;
 use crate::kinematics::{relative, relative_revolute};
+use crate::layout::Pending;
 use crate::layout::{GROUND, Layout, Shifts};
-use crate::mass_matrix::composite_inertias;
 use crate::packed::Packed;
 use num_traits::Zero;
-use phipsi_spatial::{ArticulatedInertia, Motion, Real, RigidInertia, Scalar, SixLanes, Vec3, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Motion, RigidInertia, Scalar, SixLanes, Vec3, Wrench};
+
+mod info;
+
+pub use info::{ForwardInfo, WorstHinge, forward_info};
 
 /// What the first sweep leaves of a body.
 #[derive(Clone, Copy, Debug)]
@@ -394,86 +397,4 @@ pub fn forward_dynamics<T: Scalar>(
     let mut out = vec![T::zero(); layout.nv()];
     ForwardDynamics::new(layout).run(layout, q, v, tau, wrenches, &mut out)?;
     Ok(out)
-}
-
-/// The hinge that loses most digits.
-#[derive(Clone, Debug, PartialEq)]
-pub struct WorstHinge {
-    /// The joint's name.
-    pub joint: String,
-    /// Which of its degrees of freedom.
-    pub component: usize,
-    /// Articulated inertia D over the composite inertia of the same degree of freedom (joints outboard locked): the
-    /// factor by which cancellation outboard of it can multiply rounding is the inverse.
-    pub ratio: f64,
-}
-
-/// How good a forward dynamics result is.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ForwardInfo {
-    /// The hinge with the smallest D relative to its composite inertia.
-    pub worst_hinge: Option<WorstHinge>,
-    /// |τ − inverse dynamics of the result| over the sum of |terms|, largest component, in units of 1.
-    pub backward_error: f64,
-}
-
-/// Backward error and worst hinge of accelerations `a` that forward dynamics gave for (q, v, tau).
-///
-/// The sum of terms of component i is |τ_i| + |M_ii a_i| + |bias_i| + Σ_j |M_ij a_j|, from the mass matrix.
-/// Cost O(n · depth).
-///
-/// # Errors
-/// As [`ForwardDynamics::run`].
-pub fn forward_info<T: Real>(
-    layout: &Layout<T>,
-    q: &[T],
-    v: &[T],
-    tau: &[T],
-    wrenches: Option<&[Wrench<T>]>,
-    a: &[T],
-) -> Result<ForwardInfo, DynamicsError> {
-    let sweep = crate::ArticulatedSweep::new(layout, q)?;
-    let back = inverse_dynamics(layout, q, v, a, wrenches)?;
-    let bias = inverse_dynamics(layout, q, v, &vec![T::zero(); layout.nv()], wrenches)?;
-    let (hinge, R) = composite_inertias(layout, q);
-    let mut terms: Vec<f64> = (0..layout.nv()).map(|i| (tau[i].abs() + bias[i].abs()).to_f64()).collect();
-    let mut worst: Option<(usize, f64)> = None;
-    for (k, body) in layout.bodies.iter().enumerate() {
-        for i in 0..body.hinge.nv() {
-            let column = body.v + i;
-            let mut f = R[k].momentum(body.hinge.axis(i));
-            let own = body.hinge.project(i, &f);
-            let ratio = (T::from_arithmetic(sweep.pivots[column].inverse) * own).recip().to_f64();
-            if worst.is_none_or(|(_, smallest)| ratio < smallest) {
-                worst = Some((column, ratio));
-            }
-            let (mut from, mut at) = (k, k);
-            while at != GROUND {
-                if at != from {
-                    f = hinge[from].wrench_to_parent(f);
-                }
-                let up = &layout.bodies[at];
-                for j in 0..up.hinge.nv() {
-                    let row = up.v + j;
-                    let entry = up.hinge.project(j, &f).abs();
-                    terms[row] += (entry * a[column].abs()).to_f64();
-                    if at != k {
-                        terms[column] += (entry * a[row].abs()).to_f64();
-                    }
-                }
-                (from, at) = (at, up.parent);
-            }
-        }
-    }
-    let relative = |i: usize| match (back[i] - tau[i]).abs().to_f64() {
-        0.0 => 0.0,
-        residual => residual / terms[i],
-    };
-    Ok(ForwardInfo {
-        worst_hinge: worst.map(|(i, ratio)| {
-            let (joint, component) = layout.joint_of_velocity(i);
-            WorstHinge { joint: joint.into(), component, ratio }
-        }),
-        backward_error: (0..layout.nv()).map(relative).fold(0.0, f64::max),
-    })
 }

@@ -8,11 +8,11 @@
 //! | f | M α + b − w + Σ φ(k,c) f(c), force across the joint | paper 1 (5.1), paper 2 (3.6) |
 //! | T | H f, generalised force | paper 1 |
 
-use crate::articulated_sweep::Pending;
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::{Hinge, each_component};
 use crate::kernel::kernel;
 use crate::kinematics::relative;
+use crate::layout::Pending;
 use crate::layout::{GROUND, Layout, Shifts};
 use phipsi_spatial::{Motion, RigidInertia, Scalar, Vec3, Wrench};
 

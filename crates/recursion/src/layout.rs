@@ -10,13 +10,21 @@
 //! a stack of at most log₂ n entries.
 
 use crate::error::DynamicsError;
-use crate::hinge::{Hinge, combine};
+use crate::hinge::Hinge;
 use crate::kernel::kernel;
-use crate::link::{Link, Shift};
+use crate::link::Link;
 use phipsi_model::joint::rotation_from_z;
 use phipsi_model::{JointKind, Model};
 use phipsi_spatial::six_lanes::{RigidEntries, rigid_entries};
-use phipsi_spatial::{Axis, Mat3, Motion, Real, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench};
+use phipsi_spatial::{Mat3, Real, RigidInertia, Scalar, Transform, Vec3, Wrench};
+
+mod arrange;
+mod pending;
+mod shifts;
+
+use arrange::{Raw, arrange};
+pub(crate) use pending::Pending;
+pub(crate) use shifts::{Passage, Shifts};
 
 /// Marks the ground as a parent or carrier.
 pub const GROUND: usize = usize::MAX;
@@ -72,180 +80,6 @@ impl<C: Real> LayoutBody<C> {
     #[inline(always)]
     pub(crate) fn follows_parent(&self, k: usize) -> bool {
         self.parent.wrapping_add(1) == k && self.parent != GROUND
-    }
-}
-
-/// φ(p, k) of all bodies at one configuration.
-#[derive(Clone, Debug)]
-pub(crate) struct Shifts<T> {
-    shift: Vec<Shift<T>>,
-    general: Vec<Transform<T>>,
-    /// Of every coordinate: they cost less together.
-    sin: Vec<T>,
-    cos: Vec<T>,
-}
-
-impl<T: Scalar> Shifts<T> {
-    pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
-        let general = layout.bodies.iter().filter(|b| b.is_general()).count();
-        Shifts {
-            shift: layout.bodies.iter().map(|b| b.link.at_rest()).collect(),
-            general: vec![Transform::identity(); general],
-            sin: vec![T::zero(); layout.nq()],
-            cos: vec![T::one(); layout.nq()],
-        }
-    }
-    /// Takes the coordinates that the next shifts are set at.
-    #[inline(always)]
-    pub(crate) fn begin(&mut self, q: &[T]) {
-        T::sin_cos_all(q, &mut self.sin, &mut self.cos);
-    }
-    /// Sets the shift of body `k`, at the coordinates that [`Shifts::begin`] took.
-    #[inline(always)]
-    pub(crate) fn set(&mut self, k: usize, body: &LayoutBody<T::Constant>, q: &[T]) {
-        if let Hinge::Revolute = body.hinge {
-            self.shift[k].turn = self.turned(body);
-            return;
-        }
-        let (shift, general) = body.link.at(&body.hinge, &q[body.q..]);
-        self.shift[k] = shift;
-        if let Some(pose) = general {
-            self.general[body.general] = pose;
-        }
-    }
-    #[inline(always)]
-    pub(crate) fn set_all(&mut self, layout: &Layout<T::Constant>, q: &[T]) {
-        self.begin(q);
-        for (k, body) in layout.bodies.iter().enumerate() {
-            self.set(k, body, q);
-        }
-    }
-    /// Z(q + θ₁) of a body on a hinge.
-    #[inline(always)]
-    pub(crate) fn turned(&self, body: &LayoutBody<T::Constant>) -> Turn<T> {
-        body.link.turned_by(Turn { cos: self.cos[body.q], sin: self.sin[body.q] })
-    }
-    /// The turn of a body on a hinge.
-    #[inline(always)]
-    pub(crate) fn turn(&self, k: usize) -> Turn<T> {
-        self.shift[k].turn
-    }
-    #[inline(always)]
-    pub(crate) fn set_turn(&mut self, k: usize, turn: Turn<T>) {
-        self.shift[k].turn = turn;
-    }
-    pub(crate) fn all(&self) -> &[Shift<T>] {
-        &self.shift
-    }
-    /// The shift of body `k`.
-    #[inline(always)]
-    pub(crate) fn at<'a>(&'a self, k: usize, body: &'a LayoutBody<T::Constant>) -> Passage<'a, T> {
-        let general = if body.is_general() { Some(&self.general[body.general]) } else { None };
-        Passage { body, shift: &self.shift[k], general }
-    }
-}
-
-/// φ(p, k) of one body.
-#[derive(Clone, Copy)]
-pub(crate) struct Passage<'a, T: Scalar> {
-    body: &'a LayoutBody<T::Constant>,
-    pub(crate) shift: &'a Shift<T>,
-    pub(crate) general: Option<&'a Transform<T>>,
-}
-
-impl<T: Scalar> Passage<'_, T> {
-    /// The pose of the body in its parent.
-    #[inline(always)]
-    pub(crate) fn pose(&self) -> Transform<T> {
-        match self.general {
-            Some(x) => *x,
-            None => self.body.link.pose(self.shift),
-        }
-    }
-    /// φ f.
-    #[inline(always)]
-    pub(crate) fn wrench_to_parent(&self, f: Wrench<T>) -> Wrench<T> {
-        match self.general {
-            Some(x) => x.wrench_to_parent(f),
-            None => self.body.link.wrench_to_parent(self.shift, f),
-        }
-    }
-    /// R x.
-    #[inline(always)]
-    pub(crate) fn vector_to_parent(&self, x: Vec3<T>) -> Vec3<T> {
-        match self.general {
-            Some(pose) => pose.rotation * x,
-            None => self.body.link.vector_to_parent(self.shift, x),
-        }
-    }
-    /// R A Rᵀ.
-    #[inline(always)]
-    pub(crate) fn matrix_to_parent(&self, A: &Mat3<T>) -> Mat3<T> {
-        match self.general {
-            Some(pose) => pose.rotation * *A * pose.rotation.transpose(),
-            None => self.body.link.matrix_to_parent(self.shift, A),
-        }
-    }
-    /// The body's origin in the parent.
-    #[inline(always)]
-    pub(crate) fn translation(&self) -> Vec3<T> {
-        match self.general {
-            Some(pose) => pose.translation,
-            None => self.body.link.translation(self.shift),
-        }
-    }
-    /// φ* V.
-    #[inline(always)]
-    pub(crate) fn motion_to_child(&self, v: Motion<T>) -> Motion<T> {
-        match self.general {
-            Some(x) => x.motion_to_child(v),
-            None => self.body.link.motion_to_child(self.shift, v),
-        }
-    }
-    /// Rᵀ ω and Rᵀ (ω × (ω × l)) of the parent's ω.
-    #[inline(always)]
-    pub(crate) fn carried(&self, omega: Vec3<T>) -> (Vec3<T>, Vec3<T>) {
-        match self.general {
-            Some(x) => {
-                let centripetal = omega.cross(omega.cross(x.translation));
-                (x.rotation.transpose_mul(omega), x.rotation.transpose_mul(centripetal))
-            }
-            None => self.body.link.carried(self.shift, omega),
-        }
-    }
-    /// φ P φ*.
-    #[inline(always)]
-    pub(crate) fn articulated_to_parent(
-        &self,
-        P: &phipsi_spatial::ArticulatedInertia<T>,
-    ) -> phipsi_spatial::ArticulatedInertia<T> {
-        match self.general {
-            Some(x) => x.articulated_to_parent(P),
-            None => self.body.link.articulated_to_parent(self.shift, P),
-        }
-    }
-    /// φ M φ* + `own`.
-    #[inline(always)]
-    pub(crate) fn rigid_onto_parent(&self, M: &RigidInertia<T>, own: &RigidInertia<T>) -> RigidInertia<T> {
-        match self.general {
-            Some(x) => x.rigid_to_parent(M) + *own,
-            None => self.body.link.rigid_onto_parent(self.shift, M, own),
-        }
-    }
-    /// The parent's axes, in any frame, turned into the body's; and the body's origin from the parent's, there.
-    #[inline(always)]
-    pub(crate) fn axes_to_child(&self, axes: [Vec3<T>; 3]) -> ([Vec3<T>; 3], Vec3<T>) {
-        let Some(x) = self.general else { return self.body.link.axes_to_child(self.shift, axes) };
-        let [a, b, c] = [0, 1, 2].map(|i| x.rotation.column(i));
-        ([combine(&axes, a), combine(&axes, b), combine(&axes, c)], combine(&axes, x.translation))
-    }
-    /// φ M φ*.
-    #[inline(always)]
-    pub(crate) fn rigid_to_parent(&self, M: &RigidInertia<T>) -> RigidInertia<T> {
-        match self.general {
-            Some(x) => x.rigid_to_parent(M),
-            None => self.body.link.rigid_to_parent(self.shift, M),
-        }
     }
 }
 
@@ -423,112 +257,6 @@ kernel! {
             }
         }
     }
-}
-
-/// A body before frames are turned and the order is chosen.
-struct Raw<C> {
-    parent: usize,
-    hinge: Hinge<C>,
-    q: usize,
-    v: usize,
-    placement: Transform<C>,
-    inertia: RigidInertia<C>,
-}
-
-/// Order, frames and links. Carriers follow. Returns also how many contributions wait at once.
-fn arrange<C: Real>(raw: &[Raw<C>], carriers: &mut [Carrier<C>]) -> (Vec<LayoutBody<C>>, usize) {
-    let (order, heaviest) = depth_first(raw);
-    let mut place = vec![GROUND; raw.len()];
-    order.iter().enumerate().for_each(|(new, &old)| place[old] = new);
-    let mut links: Vec<Link<C>> = raw.iter().map(|b| Link::new(&b.placement)).collect();
-    // A body on an axis along z may be turned about it: away goes the first turn to its heaviest child.
-    let mut turned = vec![Turn::none(); raw.len()];
-    for (k, body) in raw.iter().enumerate() {
-        let free = matches!(
-            body.hinge,
-            Hinge::Revolute | Hinge::Prismatic | Hinge::Helical { .. } | Hinge::Cylindrical
-        );
-        if free && heaviest[k] != GROUND {
-            turned[k] = links[heaviest[k]].first();
-        }
-    }
-    for (k, body) in raw.iter().enumerate() {
-        if body.parent != GROUND && turned[body.parent] != Turn::none() {
-            links[k] = if heaviest[body.parent] == k {
-                links[k].without_first()
-            } else {
-                links[k].with_parent_turned(turned[body.parent])
-            };
-        }
-        if turned[k] != Turn::none() {
-            links[k] = links[k].with_body_turned(turned[k]);
-        }
-    }
-    let into = |turn: Turn<C>| Turn { cos: turn.cos, sin: -turn.sin };
-    for carrier in carriers.iter_mut().filter(|c| c.body != GROUND) {
-        let turn = turned[carrier.body];
-        if turn != Turn::none() {
-            let columns = [0, 1, 2].map(|j| turn.down(Axis::Z, carrier.pose.rotation.column(j)));
-            let rotation = Mat3::from_columns(columns[0], columns[1], columns[2]);
-            carrier.pose = Transform::new(rotation, turn.down(Axis::Z, carrier.pose.translation));
-        }
-        carrier.body = place[carrier.body];
-    }
-    let mut general = 0;
-    let mut bodies: Vec<LayoutBody<C>> = Vec::with_capacity(raw.len());
-    for &old in &order {
-        let b = &raw[old];
-        let parent = if b.parent == GROUND { GROUND } else { place[b.parent] };
-        if parent != GROUND {
-            bodies[parent].children += 1;
-        }
-        let inertia = match turned[old] {
-            turn if turn == Turn::none() => b.inertia,
-            turn => into(turn).rigid_up(Axis::Z, &b.inertia),
-        };
-        let (children, link) = (0, links[old]);
-        let body = LayoutBody { parent, children, hinge: b.hinge, q: b.q, v: b.v, link, general, inertia };
-        general += usize::from(body.is_general());
-        bodies.push(body);
-    }
-    let (mut waiting, mut most) = (0usize, 0);
-    for (k, body) in bodies.iter().enumerate().rev() {
-        waiting -= body.children.saturating_sub(1);
-        if body.parent != GROUND && !body.follows_parent(k) {
-            waiting += 1;
-            most = most.max(waiting);
-        }
-    }
-    (bodies, most)
-}
-
-/// Depth-first order, lighter subtrees first; and the heaviest child of every body.
-fn depth_first<C>(raw: &[Raw<C>]) -> (Vec<usize>, Vec<usize>) {
-    let n = raw.len();
-    let mut size = vec![1usize; n];
-    let mut children: Vec<Vec<usize>> = vec![Vec::new(); n];
-    let mut roots = Vec::new();
-    for (k, body) in raw.iter().enumerate().rev() {
-        match body.parent {
-            GROUND => roots.push(k),
-            p => {
-                size[p] += size[k];
-                children[p].push(k);
-            }
-        }
-    }
-    let mut heaviest = vec![GROUND; n];
-    for (k, list) in children.iter_mut().enumerate() {
-        // In decreasing order: the stack below takes the last, the lightest, first. Stable, so that equals keep their order.
-        list.sort_by_key(|&c| std::cmp::Reverse(size[c]));
-        heaviest[k] = list.first().copied().unwrap_or(GROUND);
-    }
-    let (mut order, mut stack) = (Vec::with_capacity(n), roots);
-    while let Some(k) = stack.pop() {
-        order.push(k);
-        stack.extend(&children[k]);
-    }
-    (order, heaviest)
 }
 
 fn turn<C: Scalar>(frame: &Transform<C>, rotation: &Mat3<C>) -> Transform<C> {

@@ -6,10 +6,10 @@
 //! | M(q) | H φ M φ* H* = H (R + φ~R + R φ~*) H* | soa.md 3.1 |
 //! | f | R H* of every degree of freedom outboard, carried to the body by φ: columns in lanes | |
 
-use crate::articulated_sweep::Pending;
 use crate::columns::{Columns, Places, Rows, WidePassage};
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
+use crate::layout::Pending;
 use crate::layout::{GROUND, Layout, LayoutBody, Shifts};
 use core::ops::Range;
 use num_traits::Zero;

@@ -26,6 +26,9 @@ pub(crate) const RIGID_COLUMNS: [[usize; 8]; 6] = [
 ];
 
 /// A packed six-vector of numbers `T`.
+///
+/// Everything but [`SixLanes::is_fast`] and [`SixLanes::zeros`] is only to be called where the former is true or the type is
+/// [`Eight`]: elsewhere a processor may meet instructions that it does not have.
 pub trait SixLanes<T: Scalar>:
     Copy
     + core::fmt::Debug
