@@ -40,6 +40,18 @@ fn algorithms() -> Vec<String> {
     stems("crates/recursion/src").into_iter().filter(|s| !SUPPORT.contains(&s.as_str())).collect()
 }
 
+/// The text of an algorithm: its file and those of its folder.
+fn algorithm_source(stem: &str) -> String {
+    let mut source = read(root().join(format!("crates/recursion/src/{stem}.rs")));
+    let folder = format!("crates/recursion/src/{stem}");
+    if root().join(&folder).is_dir() {
+        for part in stems(&folder) {
+            source += &read(root().join(&folder).join(format!("{part}.rs")));
+        }
+    }
+    source
+}
+
 /// The table's rows, as cells.
 fn rows() -> Vec<Vec<String>> {
     let text = read(root().join("docs/src/algorithms.md"));
@@ -91,7 +103,7 @@ fn every_row_is_full_and_names_what_exists() {
         assert!(row.iter().all(|cell| !cell.is_empty()), "{row:?}");
         for function in quoted(&row[2]) {
             let parts: Vec<&str> = function.split("::").collect();
-            let source = read(root().join(format!("crates/recursion/src/{}.rs", parts[0])));
+            let source = algorithm_source(parts[0]);
             let name = parts[parts.len() - 1];
             assert!(source.contains(&format!("pub fn {name}")), "`{function}` is no public function");
         }
