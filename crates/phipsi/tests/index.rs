@@ -7,17 +7,17 @@ use std::path::{Path, PathBuf};
 /// Files of `recursion` that hold no algorithm.
 const SUPPORT: [&str; 12] = [
     "batch",
-    "columns",
     "derivative_columns",
     "error",
     "form",
+    "ground_axes",
     "hinge",
     "kernel",
     "layout",
     "lib",
     "link",
     "packed",
-    "side_by_side",
+    "places",
 ];
 
 fn root() -> PathBuf {

@@ -26,13 +26,13 @@
 
 pub mod articulated_sweep;
 pub mod batch;
-mod columns;
 mod derivative_columns;
 pub mod energy;
 pub mod error;
 pub mod form;
 pub mod forward_dynamics;
 pub mod forward_dynamics_derivatives;
+mod ground_axes;
 pub mod hinge;
 pub mod hinge_check;
 pub mod innovations;
@@ -48,8 +48,8 @@ pub mod mass_matrix;
 pub mod mass_matrix_inverse;
 pub mod momentum;
 mod packed;
+mod places;
 pub mod refined_forward_dynamics;
-mod side_by_side;
 pub mod square_root_forward_dynamics;
 
 pub use articulated_sweep::ArticulatedSweep;

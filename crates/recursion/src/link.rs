@@ -18,9 +18,7 @@ use phipsi_spatial::{
 
 mod quarter;
 
-use quarter::{
-    back_quarter, back_quarter_matrix, back_quarter_symmetric, quarter, quarter_matrix, quarter_symmetric,
-};
+use quarter::{back_quarter, back_quarter_symmetric, quarter, quarter_symmetric};
 
 /// Angles that cost less than others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -268,28 +266,6 @@ impl<C: Real> Link<C> {
         let force = self.vector_up(shift.turn, f.force);
         let moment = shift.offset.cross_add(force, self.vector_up(shift.turn, f.moment));
         Wrench::new(self.first_up(moment), self.first_up(force))
-    }
-    /// R x.
-    #[inline(always)]
-    pub(crate) fn vector_to_parent<T: Scalar<Constant = C>>(&self, shift: &Shift<T>, x: Vec3<T>) -> Vec3<T> {
-        self.first_up(self.vector_up(shift.turn, x))
-    }
-    /// R l: the body's origin in the parent.
-    #[inline(always)]
-    pub(crate) fn translation<T: Scalar<Constant = C>>(&self, shift: &Shift<T>) -> Vec3<T> {
-        self.first_up(shift.offset)
-    }
-    /// R A Rᵀ.
-    #[inline(always)]
-    pub(crate) fn matrix_to_parent<T: Scalar<Constant = C>>(&self, shift: &Shift<T>, A: &Mat3<T>) -> Mat3<T> {
-        let turned = shift.turn.matrix_up(Axis::Z, A);
-        let twisted = match self.shape {
-            Twist::Straight => turned,
-            Twist::Quarter => quarter_matrix(&turned),
-            Twist::BackQuarter => back_quarter_matrix(&turned),
-            Twist::Oblique => Turn::constant(&self.twist).matrix_up(Axis::X, &turned),
-        };
-        if self.has_first { Turn::constant(&self.first).matrix_up(Axis::Z, &twisted) } else { twisted }
     }
     /// φ*(p, k) V.
     #[inline(always)]

@@ -3,7 +3,7 @@
 use super::{Layout, LayoutBody};
 use crate::hinge::{Hinge, combine};
 use crate::link::Shift;
-use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench};
+use phipsi_spatial::{Motion, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench};
 
 /// φ(p, k) of all bodies at one configuration.
 #[derive(Clone, Debug)]
@@ -98,30 +98,6 @@ impl<T: Scalar> Passage<'_, T> {
         match self.general {
             Some(x) => x.wrench_to_parent(f),
             None => self.body.link.wrench_to_parent(self.shift, f),
-        }
-    }
-    /// R x.
-    #[inline(always)]
-    pub(crate) fn vector_to_parent(&self, x: Vec3<T>) -> Vec3<T> {
-        match self.general {
-            Some(pose) => pose.rotation * x,
-            None => self.body.link.vector_to_parent(self.shift, x),
-        }
-    }
-    /// R A Rᵀ.
-    #[inline(always)]
-    pub(crate) fn matrix_to_parent(&self, A: &Mat3<T>) -> Mat3<T> {
-        match self.general {
-            Some(pose) => pose.rotation * *A * pose.rotation.transpose(),
-            None => self.body.link.matrix_to_parent(self.shift, A),
-        }
-    }
-    /// The body's origin in the parent.
-    #[inline(always)]
-    pub(crate) fn translation(&self) -> Vec3<T> {
-        match self.general {
-            Some(pose) => pose.translation,
-            None => self.body.link.translation(self.shift),
         }
     }
     /// φ* V.

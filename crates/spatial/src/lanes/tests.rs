@@ -159,9 +159,12 @@ impl WideKernel<Fused> for SideBySide {
             }
         }
         for place in 0..n {
-            let mut want = numbers[..n].to_vec();
-            want[place] = Fused(0.5);
-            assert_eq!(read(W::load(&numbers).with(place, Fused(0.5))), want);
+            for to in place..=n {
+                let inside = |i: usize| place <= i && i < to;
+                let want: Vec<Fused> =
+                    (0..n).map(|i| if inside(i) { numbers[i] } else { Fused(0.0) }).collect();
+                assert_eq!(read(W::load(&numbers).between(place, to)), want, "{place} to {to}");
+            }
             let mut out = vec![Fused(-1.0); n + 1];
             W::load(&numbers).store_from(place, &mut out);
             assert_eq!(out[..n - place], numbers[place..n]);
