@@ -5,8 +5,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Files of `recursion` that hold no algorithm.
-const SUPPORT: [&str; 12] = [
+const SUPPORT: [&str; 13] = [
     "batch",
+    "columns",
     "derivative_columns",
     "error",
     "form",

@@ -12,10 +12,12 @@ use crate::ground_axes::{AXIS, OFFSET, along, linear_axes};
 use crate::inverse_dynamics_derivatives::{
     COLUMNS, DRIFT, FORCE, POSITION_RATE, PSI, ROWS as ALL, VELOCITY_RATE,
 };
-use crate::layout::{GROUND, Layout};
-use crate::places::{Group, Places, View, vector};
-use phipsi_spatial::wide::Wide;
-use phipsi_spatial::{Motion, Scalar, Vec3, Wrench};
+use crate::layout::{GROUND, Layout, LayoutBody};
+use crate::places::{Group, Places, View, inside, vector};
+use core::marker::PhantomData;
+use core::ops::Range;
+use phipsi_spatial::wide::{WIDEST, Wide};
+use phipsi_spatial::{Kernel, Motion, Scalar, Vec3, Wrench};
 
 const INERTIA: usize = COLUMNS;
 const POSITION: usize = INERTIA + 6;
@@ -78,21 +80,15 @@ pub(crate) struct Meetings<T> {
     pub(crate) d_dv: Vec<T>,
     /// M, above the diagonal.
     pub(crate) d_da: Vec<T>,
-    /// The transposes of ∂T/∂q and ∂T/∂v below the diagonal, where columns lie side by side.
-    below_q: Vec<T>,
-    below_v: Vec<T>,
     linear: Vec<bool>,
 }
 
 impl<T: Scalar> Meetings<T> {
     pub(crate) fn new(layout: &Layout<T::Constant>, places: &Places) -> Self {
-        let below = if T::COLUMNS > 1 { places.zeros() } else { Vec::new() };
         Meetings {
             d_dq: places.zeros(),
             d_dv: places.zeros(),
             d_da: places.zeros(),
-            below_q: below.clone(),
-            below_v: below,
             linear: linear_axes::<T>(layout, places),
         }
     }
@@ -155,77 +151,103 @@ fn dot_add<T: Scalar, W: Wide<T>>(a: Vec3<T>, b: Vec3<W>, c: W) -> W {
     u.fma(W::broadcast(x), v.fma(W::broadcast(y), w.fma(W::broadcast(z), c)))
 }
 
-/// Columns from the tips to the base: every joint meets those of all joints outboard of it.
+/// Columns from the tips to the base: every joint meets those of all joints outboard of it. A kernel of its own, for smaller
+/// functions keep more in registers.
+pub(crate) struct Meet<'a, T: Scalar, W, const TURNING: bool> {
+    pub(crate) layout: &'a Layout<T::Constant>,
+    pub(crate) places: &'a Places,
+    pub(crate) view: View<'a, T, ALL>,
+    pub(crate) meetings: &'a mut Meetings<T>,
+    pub(crate) register: PhantomData<W>,
+}
+
+impl<T: Scalar, W: Wide<T>, const TURNING: bool> Kernel for Meet<'_, T, W, TURNING> {
+    type Output = ();
+    #[inline(always)]
+    fn run(self) {
+        let Meet { layout, places, mut view, meetings, .. } = self;
+        for (k, body) in layout.bodies().iter().enumerate().rev() {
+            if body.hinge.nv() == 1 {
+                meet::<T, W, TURNING, false>(places, &mut view, meetings, k, body);
+            } else {
+                meet::<T, W, TURNING, true>(places, &mut view, meetings, k, body);
+            }
+        }
+    }
+}
+
+/// A joint, of more than one degree of freedom if `MANY`, and the columns outboard of it.
 #[inline(always)]
-pub(crate) fn meet<T: Scalar, W: Wide<T>, const TURNING: bool>(
-    layout: &Layout<T::Constant>,
+fn meet<T: Scalar, W: Wide<T>, const TURNING: bool, const MANY: bool>(
     places: &Places,
     view: &mut View<'_, T, ALL>,
     meetings: &mut Meetings<T>,
+    k: usize,
+    body: &LayoutBody<T::Constant>,
 ) {
-    let s = places.count;
-    let Meetings { d_dq, d_dv, d_da, below_q, below_v, linear } = meetings;
-    for (k, body) in layout.bodies().iter().enumerate().rev() {
-        let (first, end) = (places.first[k], places.end[k]);
-        let count = body.hinge.nv();
-        let inner = first + count;
-        let here = view.at(first);
-        let (d, drift) = (here.vector::<T>(OFFSET), here.vector::<T>(DRIFT));
-        let force = here.wrench::<T>(FORCE);
-        let mut joint = Joint::get(&here, linear[first]);
-        let mut at = Places::group(first, W::COUNT);
-        while at < end {
-            let column: Column<W> = Column::get(&view.at(at));
-            let (from, to) = (first.saturating_sub(at), (end - at).min(W::COUNT));
-            let own = inner.saturating_sub(at).min(W::COUNT);
-            for i in 0..count {
-                if count > 1 {
-                    joint = Joint::get(&view.at(first + i), linear[first]);
-                }
-                let row = (first + i) * s + at..(first + i) * s + at + W::COUNT;
-                let mut position = joint.along(&column.position);
-                if count > 1 && own > 0 {
-                    // Axes of the same joint do not turn each other's force.
-                    let axes = view.at(at).motion::<W>(AXIS);
-                    let f = Wrench::new(vector(force.moment), vector(force.force));
-                    position -= joint.along(&axes.cross_wrench(f)).between(from, own);
-                }
-                position.between(from, to).store(&mut d_dq[row.clone()]);
-                joint.along(&column.velocity).between(from, to).store(&mut d_dv[row.clone()]);
-                if TURNING {
-                    joint.along(&column.inertia).between(from, to).store(&mut d_da[row.clone()]);
-                }
-                if own >= to {
-                    continue;
-                }
-                let position = joint.position(&column).between(own, to);
-                let velocity = joint.velocity(&column).between(own, to);
-                if W::COUNT > 1 {
-                    position.store(&mut below_q[row.clone()]);
-                    velocity.store(&mut below_v[row]);
-                } else {
-                    position.store(&mut d_dq[at * s + first + i..]);
-                    velocity.store(&mut d_dv[at * s + first + i..]);
-                }
+    let Meetings { d_dq, d_dv, d_da, linear } = meetings;
+    let (s, first, end) = (places.stride, places.first[k], places.end[k]);
+    let (count, linear) = (if MANY { body.hinge.nv() } else { 1 }, linear[first]);
+    let inner = first + count;
+    let here = view.at(first);
+    let (d, drift) = (here.vector::<T>(OFFSET), here.vector::<T>(DRIFT));
+    let force = here.wrench::<T>(FORCE);
+    let mut joint = Joint::get(&here, linear);
+    let mut at = Places::group(first, W::COUNT);
+    while at < end {
+        let column: Column<W> = Column::get(&view.at(at));
+        let (from, to) = (first.saturating_sub(at), (end - at).min(W::COUNT));
+        let own = inner.saturating_sub(at).min(W::COUNT);
+        for i in 0..count {
+            if MANY {
+                joint = Joint::get(&view.at(first + i), linear);
             }
-            if body.parent != GROUND {
-                let (mut d, mut drift) = (vector::<T, W>(d), vector::<T, W>(drift));
-                if to - from < W::COUNT {
-                    // Columns beside those of the range stay where they are.
-                    d = Vec3([d.0[0].between(from, to), d.0[1].between(from, to), d.0[2].between(from, to)]);
-                    drift = Vec3([
-                        drift.0[0].between(from, to),
-                        drift.0[1].between(from, to),
-                        drift.0[2].between(from, to),
-                    ]);
-                }
-                column.shift(d, drift, &mut view.at(at));
+            let row = (first + i) * s + at..(first + i) * s + at + W::COUNT;
+            let mut position = joint.along(&column.position);
+            if MANY && own > 0 {
+                // Axes of the same joint do not turn each other's force.
+                let axes = view.at(at).motion::<W>(AXIS);
+                let f = Wrench::new(vector(force.moment), vector(force.force));
+                position -= joint.along(&axes.cross_wrench(f)).between(from, own);
             }
-            at += W::COUNT;
+            position.between(from, to).store(&mut d_dq[row.clone()]);
+            joint.along(&column.velocity).between(from, to).store(&mut d_dv[row.clone()]);
+            if TURNING {
+                joint.along(&column.inertia).between(from, to).store(&mut d_da[row]);
+            }
+            if own >= to {
+                continue;
+            }
+            // Rows of the columns' own joints, which the sweep has passed.
+            let place = (at * s + first + i, s);
+            scatter(joint.position(&column), d_dq, place, own..to);
+            scatter(joint.velocity(&column), d_dv, place, own..to);
         }
+        if body.parent != GROUND {
+            // Columns beside those of the range stay where they are.
+            let d = inside(vector::<T, W>(d), from, to);
+            column.shift(d, inside(vector::<T, W>(drift), from, to), &mut view.at(at));
+        }
+        at += W::COUNT;
     }
-    if W::COUNT > 1 {
-        places.set_below::<T, W>(below_q, d_dq);
-        places.set_below::<T, W>(below_v, d_dv);
+}
+
+/// Some numbers of `x`, number l to row `first` + l of a matrix, in one column: `first` and the column are those of the first
+/// index, the second is the distance of rows.
+#[inline(always)]
+fn scatter<T: Scalar, W: Wide<T>>(
+    x: W,
+    matrix: &mut [T],
+    (first, stride): (usize, usize),
+    some: Range<usize>,
+) {
+    if W::COUNT == 1 {
+        return x.store(&mut matrix[first..]);
+    }
+    let mut numbers = [T::zero(); WIDEST];
+    x.store(&mut numbers);
+    let rows = matrix[first + some.start * stride..].chunks_mut(stride);
+    for (row, x) in rows.zip(&numbers[some]) {
+        row[0] = *x;
     }
 }

@@ -15,9 +15,13 @@ use crate::error::DynamicsError;
 use crate::ground_axes::{self, AXIS, OFFSET, linear_axes};
 use crate::hinge::{Hinge, combine};
 use crate::layout::{GROUND, Layout, Shifts};
-use crate::places::{Places, ROWS, Table, View, vector};
+use crate::places::{Places, Table, View, inside, vector};
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{Motion, Scalar, Wrench};
+
+mod products;
+
+use products::Products;
 
 /// Rows of the gain K of a degree of freedom, and of z.
 const GAIN: usize = 0;
@@ -26,30 +30,24 @@ const MOVED: usize = 6;
 /// L and D⁻¹ of one configuration.
 #[derive(Clone, Debug)]
 pub(crate) struct Innovations<T> {
-    /// For groups of rows: where L, and where L*, is not zero.
-    outboard: Vec<(usize, usize)>,
-    inboard: Vec<Vec<(usize, usize)>>,
     linear: Vec<bool>,
     /// L. What is zero for every configuration is never anything else between calls.
     operator: Vec<T>,
     /// D⁻¹, by places.
     inverse: Vec<T>,
     gains: Table<T, 12>,
-    /// −D⁻¹ L B of two matrices B.
-    scaled: [Vec<T>; 2],
+    products: Products<T>,
 }
 
 impl<T: Scalar> Innovations<T> {
     /// A workspace for a layout.
     pub(crate) fn new(layout: &Layout<T::Constant>, places: &Places) -> Self {
         Innovations {
-            outboard: places.outboard_spans(),
-            inboard: places.inboard_spans::<T>(layout),
             linear: linear_axes::<T>(layout, places),
             operator: places.zeros(),
             inverse: vec![T::zero(); places.count],
             gains: Table::new(places),
-            scaled: [places.zeros(), places.zeros()],
+            products: Products::new(places),
         }
     }
     /// Takes the pivots of an articulated sweep and the bodies of the same configuration in the axes of the ground. Cost
@@ -63,7 +61,7 @@ impl<T: Scalar> Innovations<T> {
         bodies: &mut View<'_, T, N>,
     ) {
         let Innovations { operator, inverse: inverses, gains, linear, .. } = self;
-        let s = places.count;
+        let s = places.stride;
         let mut gains = gains.view();
         for (k, body) in layout.bodies().iter().enumerate().rev() {
             let (first, end) = (places.first[k], places.end[k]);
@@ -102,8 +100,7 @@ impl<T: Scalar> Innovations<T> {
                     innovation.store(&mut operator[(first + i) * s + at..]);
                 }
                 if body.parent != GROUND {
-                    let mut d = vector::<T, W>(d);
-                    d.0 = [d.0[0].between(from, to), d.0[1].between(from, to), d.0[2].between(from, to)];
+                    let d = inside(vector::<T, W>(d), from, to);
                     let mut group = gains.at(at);
                     group.set_vector(MOVED, d.cross_add(z.force, z.moment));
                     group.set_vector(MOVED + 3, z.force);
@@ -125,95 +122,6 @@ impl<T: Scalar> Innovations<T> {
                 }
             }
         }
-    }
-    /// −M⁻¹ B for two matrices B of the places, to the model's order.
-    #[inline(always)]
-    pub(crate) fn negative_solve<W: Wide<T>>(&mut self, places: &Places, b: [&[T]; 2], out: [&mut [T]; 2]) {
-        let Innovations { outboard, inboard, operator, inverse, scaled: [first, second], .. } = self;
-        let s = places.count;
-        // Y = −D⁻¹ L B.
-        for (row, &(low, high)) in places.blocks().zip(outboard.iter()) {
-            let (mut rows, n) = (operator[row * s..(row + ROWS) * s].chunks_exact(s), high - low);
-            let mut next = || rows.next().unwrap_or_default()[low..high][..n].as_ref();
-            let weights: [&[T]; ROWS] = [next(), next(), next(), next()];
-            let mut at = Places::group(places.margin, W::COUNT);
-            while at < s {
-                let end = at + W::COUNT;
-                let mut sums = [[W::zero(); ROWS]; 2];
-                let rows =
-                    b[0][low * s..high * s].chunks_exact(s).zip(b[1][low * s..high * s].chunks_exact(s));
-                for (c, (x, y)) in rows.enumerate().take(n) {
-                    let (x, y) = (W::load(&x[at..end]), W::load(&y[at..end]));
-                    for r in 0..ROWS {
-                        let weight = W::broadcast(weights[r][c]);
-                        sums[0][r] = x.fma(weight, sums[0][r]);
-                        sums[1][r] = y.fma(weight, sums[1][r]);
-                    }
-                }
-                for r in 0..ROWS {
-                    let scale = -W::broadcast(inverse[row + r]);
-                    (sums[0][r] * scale).store(&mut first[(row + r) * s + at..]);
-                    (sums[1][r] * scale).store(&mut second[(row + r) * s + at..]);
-                }
-                at += W::COUNT;
-            }
-        }
-        // L* Y.
-        let [out_first, out_second] = out;
-        for (row, spans) in places.blocks().zip(inboard.iter()) {
-            let mut at = Places::group(places.margin, W::COUNT);
-            while at < s {
-                let end = at + W::COUNT;
-                let mut sums = [[W::zero(); ROWS]; 2];
-                for &(low, high) in spans {
-                    let range = low * s..high * s;
-                    let rows =
-                        first[range.clone()].chunks_exact(s).zip(second[range.clone()].chunks_exact(s));
-                    for ((x, y), weights) in rows.zip(operator[range].chunks_exact(s)) {
-                        let (x, y) = (W::load(&x[at..end]), W::load(&y[at..end]));
-                        let weights = &weights[row..row + ROWS];
-                        for r in 0..ROWS {
-                            let weight = W::broadcast(weights[r]);
-                            sums[0][r] = x.fma(weight, sums[0][r]);
-                            sums[1][r] = y.fma(weight, sums[1][r]);
-                        }
-                    }
-                }
-                for r in 0..ROWS {
-                    places.write(row + r, at, sums[0][r], out_first);
-                    places.write(row + r, at, sums[1][r], out_second);
-                }
-                at += W::COUNT;
-            }
-        }
-    }
-    /// M⁻¹ = L* D⁻¹ L, full and symmetric, in the model's order.
-    #[inline(always)]
-    pub(crate) fn inverse_mass_matrix<W: Wide<T>>(&self, places: &Places, out: &mut [T]) {
-        let Innovations { inboard, operator, inverse, .. } = self;
-        let s = places.count;
-        for (row, spans) in places.blocks().zip(inboard.iter()) {
-            let mut at = Places::group(row, W::COUNT);
-            while at < s {
-                let end = at + W::COUNT;
-                let mut sums = [W::zero(); ROWS];
-                for &(low, high) in spans {
-                    let rows = operator[low * s..high * s].chunks_exact(s);
-                    for (weights, inverse) in rows.zip(&inverse[low..high]) {
-                        let y = W::load(&weights[at..end]) * W::broadcast(*inverse);
-                        let weights = &weights[row..row + ROWS];
-                        for r in 0..ROWS {
-                            sums[r] = y.fma(W::broadcast(weights[r]), sums[r]);
-                        }
-                    }
-                }
-                for r in 0..ROWS {
-                    places.write(row + r, at, sums[r], out);
-                }
-                at += W::COUNT;
-            }
-        }
-        places.mirror::<T, W>(out);
     }
 }
 

@@ -21,12 +21,13 @@
 //! zero. Moving to the parent changes the frame of reference by u, and −2B by the composite's mass and first moment times u. So
 //! no speed against the world enters, as in [`crate::kinematics`].
 
-use crate::derivative_columns::{Meetings, meet};
+use crate::derivative_columns::{Meet, Meetings};
 use crate::error::{DynamicsError, check_length};
 use crate::ground_axes::{self, AXIS, COMPOSITE, Directions, OFFSET, each_own_inertia, set_body, spread};
 use crate::hinge::{Hinge, combine};
 use crate::layout::{GROUND, Layout, Shifts};
 use crate::places::{Group, Places, Table, View};
+use core::marker::PhantomData;
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Sym3, Vec3, Wrench};
 
@@ -239,7 +240,14 @@ impl<T: Scalar> DerivativeSweeps<T> {
             }
             at += W::COUNT;
         }
-        meet::<T, W, TURNING>(layout, places, view, &mut self.meetings);
+        let view = self.table.view();
+        W::dispatch(Meet::<T, W, TURNING> {
+            layout,
+            places,
+            view,
+            meetings: &mut self.meetings,
+            register: PhantomData,
+        });
     }
 }
 

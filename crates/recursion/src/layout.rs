@@ -6,8 +6,8 @@
 //! body that carries it, so results come back in the user's frames and names.
 //!
 //! Bodies are stored depth first: a body's first child follows it, and what a sweep carries from body to body stays in
-//! registers; of several children the one with most bodies outboard comes last, so that what waits for a branching body is
-//! a stack of at most log₂ n entries.
+//! registers. The model's own order stays if it is depth first and little waits for branching bodies; else, of several children
+//! the one with most bodies outboard comes last, so that what waits is a stack of at most log₂ n entries.
 
 use crate::error::DynamicsError;
 use crate::hinge::Hinge;

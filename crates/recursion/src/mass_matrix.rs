@@ -4,23 +4,18 @@
 //! |---|---|---|
 //! | R(k) | M(k) + Σ φ(k,c) R(c) φ*(k,c), inertia of everything outboard of joint k, joints locked | paper 2 (4.12) |
 //! | M(q) | H φ M φ* H* = H (R + φ~R + R φ~*) H* | soa.md 3.1 |
-//! | f | R H* of every degree of freedom outboard, carried to the body by φ: columns side by side | |
-//!
-//! Vectors are in the axes of the ground, each body's about its own origin ([`crate::ground_axes`]).
+//! | f | R H* of every degree of freedom outboard, carried to the body by φ: columns in lanes | |
 
+use crate::columns::{Columns, Rows, WidePassage};
 use crate::error::{DynamicsError, check_length};
-use crate::ground_axes::{
-    self, AXIS, COMPOSITE, OFFSET, each_own_inertia, linear_axes, spread, turn_outboard,
-};
+use crate::hinge::Hinge;
 use crate::layout::Pending;
 use crate::layout::{GROUND, Layout, LayoutBody, Shifts};
-use crate::places::{Places, Table, View, vector};
+use crate::places::{Places, mirror};
+use core::ops::Range;
+use num_traits::Zero;
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{RigidInertia, Scalar, Transform, Wrench};
-
-/// Rows of f, after those of `ground_axes`.
-const COLUMN: usize = ground_axes::ROWS;
-const ROWS: usize = COLUMN + 6;
 
 /// Composite inertias R of all bodies with their hinge transforms, tip to base.
 pub(crate) fn composite_inertias<T: Scalar>(
@@ -41,9 +36,13 @@ pub(crate) fn composite_inertias<T: Scalar>(
 #[derive(Clone, Debug)]
 pub struct MassMatrix<T: Scalar> {
     shifts: Shifts<T::Arithmetic>,
+    pending: Pending<RigidInertia<T::Arithmetic>>,
     places: Places,
-    table: Table<T::Arithmetic, ROWS>,
-    linear: Vec<bool>,
+    columns: Columns<T::Arithmetic>,
+    /// A row of M before its entries go to their places.
+    line: Vec<T::Arithmetic>,
+    /// True if more than a third of M may differ from zero.
+    dense: bool,
 }
 
 impl<T: Scalar> MassMatrix<T> {
@@ -52,8 +51,10 @@ impl<T: Scalar> MassMatrix<T> {
         let places = Places::new::<T::Arithmetic>(layout);
         MassMatrix {
             shifts: Shifts::new(layout),
-            table: ground_axes::table(&places),
-            linear: linear_axes::<T>(layout, &places),
+            pending: Pending::new(layout, RigidInertia::zero()),
+            columns: Columns::new(&places),
+            line: vec![T::Arithmetic::zero(); places.count],
+            dense: 3 * places.pairs() > layout.nv() * layout.nv(),
             places,
         }
     }
@@ -132,84 +133,159 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
     #[inline(always)]
     fn run<W: Wide<T::Arithmetic>>(self) {
         let Sweep { work, layout, q, out } = self;
-        let MassMatrix { shifts, places, table, linear } = work;
-        let view = &mut table.view();
+        let MassMatrix { shifts, pending, places, columns, line, dense } = work;
+        let mut columns = columns.rows();
+        let mut matrix = Matrix { out, nv: layout.nv(), places, line, dense: *dense };
+        if !matrix.dense {
+            matrix.out.fill(T::Arithmetic::zero());
+        }
         shifts.set_all(layout, q);
-        turn_outboard::<_, W, _>(layout, shifts, places, view);
-        each_own_inertia!(T::Arithmetic, W, layout, places, view, |group, own| {
-            group.set_rigid(COMPOSITE, &own);
-        });
-        gather_inboard(layout, places, view);
-        spread(layout, places, view, COMPOSITE..COLUMN);
-        let mut at = Places::group(places.margin, W::COUNT);
-        while at < places.count {
-            let mut group = view.at(at);
-            let (R, axis) = (group.rigid::<W>(COMPOSITE), group.motion::<W>(AXIS));
-            let f = if linear[at..at + W::COUNT].iter().any(|x| *x) {
-                R.momentum(axis)
-            } else {
-                R.spin(axis.angular)
-            };
-            group.set_wrench(COLUMN, f);
-            at += W::COUNT;
-        }
+        let mut composites = Composites::begin(layout, shifts, pending);
         for (k, body) in layout.bodies.iter().enumerate().rev() {
-            meet::<_, W>(places, view, linear, (k, body), out);
-        }
-        places.mirror::<_, W>(out);
-    }
-}
-
-/// R of all bodies, tip to base, from their own inertias.
-#[inline(always)]
-fn gather_inboard<T: Scalar>(layout: &Layout<T::Constant>, places: &Places, view: &mut View<'_, T, ROWS>) {
-    for (k, body) in layout.bodies.iter().enumerate().rev() {
-        if body.parent != GROUND {
-            let here = view.at(places.first[k]);
-            let (R, d) = (here.rigid::<T>(COMPOSITE), here.vector(OFFSET));
-            let mut parent = view.at(places.first[body.parent]);
-            let sum = R.shifted_onto(d, &parent.rigid(COMPOSITE));
-            parent.set_rigid(COMPOSITE, &sum);
-        }
-    }
-}
-
-/// A joint meets all columns outboard of it, and moves them on: its rows of M above the diagonal.
-#[inline(always)]
-fn meet<T: Scalar, W: Wide<T>>(
-    places: &Places,
-    view: &mut View<'_, T, ROWS>,
-    linear: &[bool],
-    (k, body): (usize, &LayoutBody<T::Constant>),
-    out: &mut [T],
-) {
-    let (first, end) = (places.first[k], places.end[k]);
-    let count = body.hinge.nv();
-    let here = view.at(first);
-    let (d, mut axis) = (here.vector::<T>(OFFSET), here.motion::<T>(AXIS));
-    let mut at = Places::group(first, W::COUNT);
-    while at < end {
-        let (from, to) = (first.saturating_sub(at), (end - at).min(W::COUNT));
-        let f: Wrench<W> = view.at(at).wrench(COLUMN);
-        for i in 0..count {
-            if count > 1 {
-                axis = view.at(first + i).motion(AXIS);
+            let R = composites.next(k, body);
+            let passage = shifts.at(k, body);
+            let passage = WidePassage::<T::Arithmetic, W>::new(body, passage);
+            match body.hinge {
+                Hinge::Revolute => step::<_, W, 2>(&mut matrix, &mut columns, k, body, &passage, &R),
+                Hinge::Prismatic => step::<_, W, 5>(&mut matrix, &mut columns, k, body, &passage, &R),
+                _ => general_step(&mut matrix, &mut columns, k, body, &passage, &R),
             }
-            let along = ground_axes::along::<T, W>(&axis, linear[first], &f);
-            places.write(first + i, at, along.between(from, to), out);
         }
-        if body.parent != GROUND {
-            let mut d = vector::<T, W>(d);
-            d.0 = [d.0[0].between(from, to), d.0[1].between(from, to), d.0[2].between(from, to)];
-            view.at(at).set_vector(COLUMN, d.cross_add(f.force, f.moment));
+        if *dense {
+            mirror::<_, W>(matrix.out, layout.nv());
         }
-        at += W::COUNT;
     }
-    while at < places.count {
-        for i in 0..count {
-            places.write(first + i, at, W::zero(), out);
+}
+
+/// A joint of one degree of freedom along component `C`: its own column never leaves the registers before it is moved.
+#[inline(always)]
+fn step<T: Scalar, W: Wide<T>, const C: usize>(
+    matrix: &mut Matrix<'_, T>,
+    columns: &mut Rows<'_, T>,
+    k: usize,
+    body: &LayoutBody<T::Constant>,
+    passage: &WidePassage<'_, T, W>,
+    R: &RigidInertia<T>,
+) {
+    let own = R.column(C).to_array();
+    let range = matrix.places.outboard(k);
+    let in_order = matrix.places.in_order();
+    let mut at = range.end;
+    while at > range.start {
+        at -= W::COUNT;
+        let mut f = columns.load::<W>(at);
+        if at <= range.start {
+            let (lane, x) = (range.start - at, f.to_array());
+            f = Wrench::from_array([
+                x[0].with(lane, own[0]),
+                x[1].with(lane, own[1]),
+                x[2].with(lane, own[2]),
+                x[3].with(lane, own[3]),
+                x[4].with(lane, own[4]),
+                x[5].with(lane, own[5]),
+            ]);
         }
-        at += W::COUNT;
+        matrix.put(in_order, body.v, range.start, at, f.get(C));
+        if body.parent != GROUND {
+            columns.store(at, passage.wrench_to_parent(f));
+        }
+    }
+    matrix.finish::<W>(in_order, body.v, range);
+}
+
+/// Any joint.
+#[inline(always)]
+fn general_step<T: Scalar, W: Wide<T>>(
+    matrix: &mut Matrix<'_, T>,
+    columns: &mut Rows<'_, T>,
+    k: usize,
+    body: &LayoutBody<T::Constant>,
+    passage: &WidePassage<'_, T, W>,
+    R: &RigidInertia<T>,
+) {
+    let range = matrix.places.outboard(k);
+    let in_order = matrix.places.in_order();
+    for (i, &c) in body.hinge.components().iter().enumerate() {
+        let helical = matches!(body.hinge, Hinge::Helical { .. });
+        let own = if helical { R.momentum(body.hinge.axis(i)) } else { R.column(c) };
+        columns.set(range.start + i, own);
+    }
+    for (i, &c) in body.hinge.components().iter().enumerate() {
+        let start = range.start + i;
+        let mut at = range.end;
+        while at > start {
+            at -= W::COUNT;
+            let mut along: W = columns.component(c, at);
+            if let Hinge::Helical { pitch } = body.hinge {
+                along = W::constant(pitch).fma(columns.component(5, at), along);
+            }
+            matrix.put(in_order, body.v + i, start, at, along);
+        }
+        matrix.finish::<W>(in_order, body.v + i, start..range.end);
+    }
+    if body.parent != GROUND {
+        let mut at = range.end;
+        while at > range.start {
+            at -= W::COUNT;
+            let f = columns.load(at);
+            columns.store(at, passage.wrench_to_parent(f));
+        }
+    }
+}
+
+/// M on its way out: rows of the upper triangle, since parents come before children in v, too.
+struct Matrix<'a, T> {
+    out: &'a mut [T],
+    nv: usize,
+    places: &'a Places,
+    line: &'a mut [T],
+    dense: bool,
+}
+
+impl<T: Scalar> Matrix<'_, T> {
+    /// Entries of row `v` for the columns from place `at` on; the row begins at place `start`.
+    #[inline(always)]
+    fn put<W: Wide<T>>(&mut self, in_order: bool, v: usize, start: usize, at: usize, along: W) {
+        if !in_order {
+            along.store(&mut self.line[at..]);
+        } else if at >= start {
+            along.store(&mut self.out[v * self.nv + v + (at - start)..]);
+        } else {
+            along.store_from(start - at, &mut self.out[v * self.nv + v..]);
+        }
+    }
+    /// Ends row `v`.
+    #[inline(always)]
+    fn finish<W: Wide<T>>(&mut self, in_order: bool, v: usize, range: Range<usize>) {
+        let nv = self.nv;
+        if in_order {
+            let end = v + range.len();
+            if self.dense {
+                clear::<T, W>(&mut self.out[v * nv + end..(v + 1) * nv]);
+            } else {
+                for c in v + 1..end {
+                    self.out[c * nv + v] = self.out[v * nv + c];
+                }
+            }
+            return;
+        }
+        if self.dense {
+            clear::<T, W>(&mut self.out[v * nv + v..(v + 1) * nv]);
+        }
+        for (&c, &x) in self.places.dofs(range.clone()).iter().zip(&self.line[range]) {
+            self.out[v * nv + c] = x;
+            if !self.dense {
+                self.out[c * nv + v] = x;
+            }
+        }
+    }
+}
+
+/// Zeros, by stores alone: a call would drive what a sweep carries out of the registers.
+#[inline(always)]
+fn clear<T: Scalar, W: Wide<T>>(x: &mut [T]) {
+    for group in x.chunks_mut(W::COUNT) {
+        W::zero().store_first(group);
     }
 }
 

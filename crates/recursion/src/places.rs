@@ -5,7 +5,8 @@
 //! most often, lie in as few groups as can be. [`Table`] keeps the rows of a group together, at distances that the compiler
 //! knows.
 
-use crate::layout::{GROUND, Layout};
+use crate::layout::Layout;
+use core::ops::Range;
 use phipsi_spatial::wide::{WIDEST, Wide};
 use phipsi_spatial::{Mat3, Motion, Scalar, Sym3, Vec3, Wrench};
 
@@ -19,58 +20,60 @@ pub(crate) struct Places {
     pub(crate) first: Vec<usize>,
     /// One past the last place outboard of every body.
     pub(crate) end: Vec<usize>,
-    /// The first place of all; those before it are empty.
+    /// The first place of all; those before it are empty, enough for a register that ends there.
     pub(crate) margin: usize,
-    /// Their number: the length of a row.
+    /// Their number.
     pub(crate) count: usize,
-    /// The first place of the joint of every place.
-    joint: Vec<usize>,
+    /// From a row of a matrix to the next: an odd number of cache lines, so that numbers of a column do not crowd each other out.
+    pub(crate) stride: usize,
     /// Degree of freedom of the model at every place.
     dof: Vec<usize>,
     /// True if the model's order is that of the places.
     in_order: bool,
-    /// Tiles of a matrix below the diagonal, and on it, that may differ from zero.
-    tiles: Vec<(usize, usize)>,
 }
 
 impl Places {
     /// For matrices of `T`.
     pub(crate) fn new<T: Scalar>(layout: &Layout<T::Constant>) -> Self {
         let nv = layout.nv();
-        let count = nv.next_multiple_of(T::COLUMNS.max(ROWS));
+        let count = (nv + T::COLUMNS - 1).next_multiple_of(T::COLUMNS.max(ROWS));
         let margin = count - nv;
+        let stride = (count / T::COLUMNS | 1) * T::COLUMNS;
         let (mut first, mut end, mut dof) = (Vec::new(), Vec::new(), vec![0; margin]);
-        let mut joint: Vec<usize> = (0..margin).collect();
         for (body, outboard) in layout.bodies().iter().zip(&layout.outboard_dofs) {
             first.push(dof.len());
             end.push(dof.len() + outboard);
-            joint.extend(core::iter::repeat_n(dof.len(), body.hinge.nv()));
             dof.extend(body.v..body.v + body.hinge.nv());
         }
         let in_order = (0..nv).all(|i| dof[margin + i] == i);
-        let mut places = Places { first, end, margin, count, joint, dof, in_order, tiles: Vec::new() };
-        if T::COLUMNS > 1 {
-            places.tiles = places.tiles(T::COLUMNS);
-        }
-        places
+        Places { first, end, margin, count, stride, dof, in_order }
     }
-    fn tiles(&self, size: usize) -> Vec<(usize, usize)> {
-        let mut tiles = Vec::new();
-        for left in (0..self.count).step_by(size) {
-            let bodies =
-                (0..self.first.len()).filter(|&k| self.first[k] < left + size && self.past_own(k) > left);
-            let end = bodies.map(|k| self.end[k]).max().unwrap_or(left);
-            tiles.extend((left..end).step_by(size).map(|top| (top, left)));
-        }
-        tiles
+    /// The places of a body's own degrees of freedom.
+    pub(crate) fn own(&self, k: usize) -> Range<usize> {
+        self.first[k]..self.first.get(k + 1).copied().unwrap_or(self.count)
     }
-    /// One past the last place of a body's own degrees of freedom.
-    fn past_own(&self, k: usize) -> usize {
-        self.first.get(k + 1).copied().unwrap_or(self.count)
+    /// The places of a body and of all outboard of it.
+    #[inline(always)]
+    pub(crate) fn outboard(&self, k: usize) -> Range<usize> {
+        self.first[k]..self.end[k]
+    }
+    /// True if degrees of freedom follow each other also in v.
+    #[inline(always)]
+    pub(crate) fn in_order(&self) -> bool {
+        self.in_order
+    }
+    /// Degrees of freedom of a range of places.
+    #[inline(always)]
+    pub(crate) fn dofs(&self, range: Range<usize>) -> &[usize] {
+        &self.dof[range]
+    }
+    /// Pairs of a degree of freedom with one that is not inboard of it.
+    pub(crate) fn pairs(&self) -> usize {
+        (0..self.first.len()).map(|k| (self.end[k] - self.first[k]) * self.own(k).len()).sum()
     }
     /// A matrix of zeros.
     pub(crate) fn zeros<T: Scalar>(&self) -> Vec<T> {
-        vec![T::zero(); self.count * self.count]
+        vec![T::zero(); self.stride * self.count]
     }
     /// The first place of the group in which a place is, in registers of `width`.
     #[inline(always)]
@@ -80,46 +83,6 @@ impl Places {
     /// The groups of [`ROWS`] rows.
     pub(crate) fn blocks(&self) -> impl Iterator<Item = usize> {
         (Self::group(self.margin, ROWS)..self.count).step_by(ROWS)
-    }
-    /// For every group of [`ROWS`] rows, the range of columns where rows of the places outboard of them are not zero.
-    pub(crate) fn outboard_spans(&self) -> Vec<(usize, usize)> {
-        let mut spans: Vec<(usize, usize)> = Vec::new();
-        for p in self.blocks() {
-            let bodies = (0..self.first.len()).filter(|&k| self.first[k] < p + ROWS && self.past_own(k) > p);
-            let (mut low, mut high) = (p.max(self.margin), p.max(self.margin));
-            for k in bodies {
-                low = low.min(self.first[k]);
-                high = high.max(self.end[k]);
-            }
-            spans.push((low, high));
-        }
-        spans
-    }
-    /// For every group of [`ROWS`] rows, the ranges of places on their ways to the base, their own bodies' included.
-    pub(crate) fn inboard_spans<T: Scalar>(&self, layout: &Layout<T::Constant>) -> Vec<Vec<(usize, usize)>> {
-        let mut spans = Vec::new();
-        for p in self.blocks() {
-            let mut met = vec![false; self.count];
-            for k in 0..self.first.len() {
-                if self.first[k] >= p + ROWS || self.past_own(k) <= p {
-                    continue;
-                }
-                let mut at = k;
-                while at != GROUND {
-                    met[self.first[at]..self.past_own(at)].fill(true);
-                    at = layout.bodies()[at].parent;
-                }
-            }
-            let mut ranges: Vec<(usize, usize)> = Vec::new();
-            for i in (0..self.count).filter(|&i| met[i]) {
-                match ranges.last_mut() {
-                    Some(last) if last.1 == i => last.1 = i + 1,
-                    _ => ranges.push((i, i + 1)),
-                }
-            }
-            spans.push(ranges);
-        }
-        spans
     }
     /// Writes a group of row `row`, from column `at` on, to the model's matrix.
     #[inline(always)]
@@ -155,33 +118,8 @@ impl Places {
         for row in self.margin..self.count {
             let mut at = Self::group(self.margin, W::COUNT);
             while at < self.count {
-                self.write(row, at, W::load(&matrix[row * self.count + at..]), out);
+                self.write(row, at, W::load(&matrix[row * self.stride + at..]), out);
                 at += W::COUNT;
-            }
-        }
-    }
-    /// Fills a matrix below the diagonal with the transpose of `below`, whose rows have only what is outboard of them.
-    #[inline(always)]
-    pub(crate) fn set_below<T: Scalar, W: Wide<T>>(&self, below: &[T], matrix: &mut [T]) {
-        let s = self.count;
-        for &(top, left) in &self.tiles {
-            for down in (top..top + T::COLUMNS).step_by(W::COUNT) {
-                for across in (left..(left + T::COLUMNS).min(down + 1)).step_by(W::COUNT) {
-                    let mut tile = [W::zero(); WIDEST];
-                    for i in 0..W::COUNT {
-                        tile[i] = W::load(&below[(across + i) * s + down..]);
-                    }
-                    W::transpose(&mut tile);
-                    for i in 0..W::COUNT {
-                        let row = &mut matrix[(down + i) * s + across..][..W::COUNT];
-                        // From the joint's own columns on, the row has numbers of its own.
-                        let (own, first) = (W::load(row), self.joint[down + i].saturating_sub(across));
-                        tile[i].store(row);
-                        if first < W::COUNT {
-                            own.store_from(first, &mut row[first..]);
-                        }
-                    }
-                }
             }
         }
     }
@@ -204,7 +142,7 @@ impl Places {
 
 /// Copies the upper triangle to the lower one, in tiles.
 #[inline(always)]
-fn mirror<T: Scalar, W: Wide<T>>(out: &mut [T], nv: usize) {
+pub(crate) fn mirror<T: Scalar, W: Wide<T>>(out: &mut [T], nv: usize) {
     let width = W::COUNT;
     if width == 1 {
         for row in 0..nv {
@@ -347,4 +285,10 @@ impl<T: Scalar, const N: usize> Group<'_, T, N> {
 #[inline(always)]
 pub(crate) fn vector<T: Scalar, W: Wide<T>>(v: Vec3<T>) -> Vec3<W> {
     Vec3([W::broadcast(v.0[0]), W::broadcast(v.0[1]), W::broadcast(v.0[2])])
+}
+
+/// Zero outside of some places of a register.
+#[inline(always)]
+pub(crate) fn inside<T: Scalar, W: Wide<T>>(v: Vec3<W>, from: usize, to: usize) -> Vec3<W> {
+    Vec3([v.0[0].between(from, to), v.0[1].between(from, to), v.0[2].between(from, to)])
 }

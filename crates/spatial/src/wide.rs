@@ -23,6 +23,8 @@ pub trait Wide<T: Scalar>: Scalar<Constant = T::Constant> {
     fn store_first(self, out: &mut [T]);
     /// The numbers from place `first` on, to the first numbers of a slice, which has as many.
     fn store_from(self, first: usize, out: &mut [T]);
+    /// With another number in one place.
+    fn with(self, place: usize, x: T) -> Self;
     /// Zero before place `from` and from place `to` on, neither beyond [`Wide::COUNT`].
     fn between(self, from: usize, to: usize) -> Self;
     /// Number j of register i becomes number i of register j, of the first [`Wide::COUNT`] registers.
@@ -61,6 +63,10 @@ impl<T: Scalar> Wide<T> for T {
         if first == 0 {
             out[0] = self;
         }
+    }
+    #[inline(always)]
+    fn with(self, _: usize, x: T) -> Self {
+        x
     }
     #[inline(always)]
     fn between(self, from: usize, to: usize) -> Self {

@@ -159,6 +159,9 @@ impl WideKernel<Fused> for SideBySide {
             }
         }
         for place in 0..n {
+            let mut want = numbers[..n].to_vec();
+            want[place] = Fused(0.5);
+            assert_eq!(read(W::load(&numbers).with(place, Fused(0.5))), want);
             for to in place..=n {
                 let inside = |i: usize| place <= i && i < to;
                 let want: Vec<Fused> =

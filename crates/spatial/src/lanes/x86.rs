@@ -39,7 +39,7 @@ macro_rules! lanes {
         $t:ident, $n:literal, $with:ident, $set:ident, $load:ident, $store:ident,
         $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident, $sqrt:ident,
         negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident,
-        between: $between:ident, store_from: $store_from:ident, load_first: $load_first:ident,
+        insert: $insert:ident, between: $between:ident, store_from: $store_from:ident, load_first: $load_first:ident,
         store_first: $store_first:ident, transpose: $transpose:ident
     ) => {
         // SAFETY of this macro: a value of the type exists only after the processor was asked (see the module above).
@@ -183,6 +183,10 @@ macro_rules! lanes {
                 Self::splat(x.0)
             }
             #[inline(always)]
+            fn with(self, lane: usize, x: Fused) -> Self {
+                unsafe { $t($insert(self.0, lane, x.0)) }
+            }
+            #[inline(always)]
             fn between(self, from: usize, to: usize) -> Self {
                 unsafe { $t($between(self.0, from, to)) }
             }
@@ -217,7 +221,7 @@ lanes!(
     F64x4, 4, with_fma, _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd,
     _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd, _mm256_fmadd_pd, _mm256_sqrt_pd,
     negate: negate4, all: all_between4, size: size4, turn: turn4,
-    between: between4, store_from: store_from4, load_first: load_first4, store_first: store_first4,
+    insert: insert4, between: between4, store_from: store_from4, load_first: load_first4, store_first: store_first4,
     transpose: transpose4
 );
 
@@ -225,7 +229,7 @@ lanes!(
     F64x8, 8, with_avx512, _mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd,
     _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd, _mm512_div_pd, _mm512_fmadd_pd, _mm512_sqrt_pd,
     negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8,
-    between: between8, store_from: store_from8, load_first: load_first8, store_first: store_first8,
+    insert: insert8, between: between8, store_from: store_from8, load_first: load_first8, store_first: store_first8,
     transpose: transpose8
 );
 
@@ -290,6 +294,19 @@ unsafe fn turn8(shifted: __m512d, s: __m512d, c: __m512d) -> (__m512d, __m512d) 
 #[inline(always)]
 unsafe fn flip(x: __m512d, sign: __m512i) -> __m512d {
     unsafe { _mm512_castsi512_pd(_mm512_xor_si512(_mm512_castpd_si512(x), sign)) }
+}
+
+#[inline(always)]
+unsafe fn insert4(x: __m256d, lane: usize, number: f64) -> __m256d {
+    unsafe {
+        let here = _mm256_cmpeq_epi64(_mm256_setr_epi64x(0, 1, 2, 3), _mm256_set1_epi64x(lane as i64));
+        _mm256_blendv_pd(x, _mm256_set1_pd(number), _mm256_castsi256_pd(here))
+    }
+}
+
+#[inline(always)]
+unsafe fn insert8(x: __m512d, lane: usize, number: f64) -> __m512d {
+    unsafe { _mm512_mask_broadcastsd_pd(x, 1u8.wrapping_shl(lane as u32), _mm_set_sd(number)) }
 }
 
 #[inline(always)]
