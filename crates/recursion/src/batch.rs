@@ -41,8 +41,6 @@ use std::sync::{Mutex, PoisonError};
 pub trait StateKernel: Sync {
     /// Its scratch.
     type Workspace<T: Lanes>: Send + 'static;
-    /// The most packs that [`StateKernel::run_packs`] takes at once.
-    const PACKS: usize = 1;
     /// Makes the scratch; once for every run of blocks of states.
     fn workspace<T: Lanes>(&self) -> Self::Workspace<T>;
     /// The calculation: one slice for each input. To be `#[inline(always)]`, as [`Kernel::run`].
@@ -55,27 +53,11 @@ pub trait StateKernel: Sync {
         inputs: &[Vec<T>],
         out: &mut [T],
     ) -> Result<(), DynamicsError>;
-    /// The calculation on several packs side by side, so that each has something to do while another waits for a result.
-    /// Inputs and results: pack after pack, of `packs` packs.
-    ///
-    /// # Errors
-    /// As [`StateKernel::run`], for any of the packs.
-    #[inline(always)]
-    fn run_packs<T: Lanes>(
-        &self,
-        workspace: &mut Self::Workspace<T>,
-        _packs: usize,
-        inputs: &[Vec<T>],
-        out: &mut [T],
-    ) -> Result<(), DynamicsError> {
-        self.run(workspace, inputs, out)
-    }
 }
 
 /// A kernel lent.
 impl<K: StateKernel> StateKernel for &K {
     type Workspace<T: Lanes> = K::Workspace<T>;
-    const PACKS: usize = K::PACKS;
     fn workspace<T: Lanes>(&self) -> Self::Workspace<T> {
         (**self).workspace()
     }
@@ -87,16 +69,6 @@ impl<K: StateKernel> StateKernel for &K {
         out: &mut [T],
     ) -> Result<(), DynamicsError> {
         (**self).run(workspace, inputs, out)
-    }
-    #[inline(always)]
-    fn run_packs<T: Lanes>(
-        &self,
-        workspace: &mut Self::Workspace<T>,
-        packs: usize,
-        inputs: &[Vec<T>],
-        out: &mut [T],
-    ) -> Result<(), DynamicsError> {
-        (**self).run_packs(workspace, packs, inputs, out)
     }
 }
 
@@ -131,6 +103,22 @@ impl<'a> Input<'a> {
             // The last state has the highest place.
             [] => (!has(&(count - 1))).then(|| self.data.len() / self.size.max(1)),
             _ => (0..count).find(|state| !has(state)),
+        }
+    }
+    /// Its numbers for as many states as there are rows, from `first` on; the last of `states` again for those beyond.
+    #[inline(always)]
+    fn rows(&self, first: usize, states: usize, rows: &mut [&'a [f64]]) {
+        let last = states.saturating_sub(1);
+        if self.map.is_empty() && !self.same {
+            let all = self.data.get(first * self.size..(first + states) * self.size).unwrap_or_default();
+            for (lane, row) in rows.iter_mut().enumerate() {
+                let at = lane.min(last) * self.size;
+                *row = all.get(at..at + self.size).unwrap_or_default();
+            }
+            return;
+        }
+        for (lane, row) in rows.iter_mut().enumerate() {
+            *row = self.at(first + lane.min(last)).unwrap_or_default();
         }
     }
     /// Its numbers for a state; `None` beyond its end.
@@ -272,7 +260,7 @@ impl<K: StateKernel> Visitor for Blocks<'_, K> {
     type Output = Failed;
     fn visit<T: Lanes>(self) -> Failed {
         let Work { count, size, .. } = self.work;
-        let packs = (BLOCK / (T::LANES * size)).clamp(1, 32).next_multiple_of(K::PACKS);
+        let packs = (BLOCK / (T::LANES * size)).clamp(1, 32);
         let states = packs * T::LANES;
         let work = self.work;
         let scratch = || Taken::<T, K>::take(self.idle, work);
@@ -294,7 +282,7 @@ impl<K: StateKernel> Visitor for Blocks<'_, K> {
 /// What one thread works with.
 struct Scratch<T, W> {
     workspace: W,
-    /// The inputs of [`StateKernel::PACKS`] packs.
+    /// The inputs of a pack.
     packed: Vec<Vec<T>>,
     results: Vec<T>,
 }
@@ -318,9 +306,9 @@ impl<'a, T: Lanes, K: StateKernel> Taken<'a, T, K> {
         });
         scratch.packed.resize(work.inputs.len(), Vec::new());
         for (packed, input) in scratch.packed.iter_mut().zip(work.inputs) {
-            packed.resize(K::PACKS * input.size, T::zero());
+            packed.resize(input.size, T::zero());
         }
-        scratch.results.resize(K::PACKS * work.size, T::zero());
+        scratch.results.resize(work.size, T::zero());
         Taken { idle, scratch: Some(scratch) }
     }
 }
@@ -346,34 +334,23 @@ impl<T: Lanes, K: StateKernel> Kernel for Block<'_, T, K> {
     fn run(self) -> Failed {
         let Work { kernel, inputs, size, .. } = self.work;
         let Scratch { workspace, packed, results } = self.scratch;
-        let (side_by_side, numbers) = (K::PACKS * T::LANES, T::LANES * size);
-        for (group, out) in self.out.chunks_mut(side_by_side * size).enumerate() {
-            let first = self.first + group * side_by_side;
+        for (pack, out) in self.out.chunks_mut(T::LANES * size).enumerate() {
+            let first = self.first + pack * T::LANES;
             let states = out.len() / size;
-            let packs = states.div_ceil(T::LANES);
             for (input, packed) in inputs.iter().zip(packed.iter_mut()) {
-                for pack in 0..packs {
-                    let mut rows: [&[f64]; WIDEST] = [&[]; WIDEST];
-                    for lane in 0..T::LANES {
-                        let state = (pack * T::LANES + lane).min(states - 1);
-                        // Checked before: every input has numbers for every state.
-                        rows[lane] = input.at(first + state).unwrap_or_default();
-                    }
-                    let packed = &mut packed[pack * input.size..(pack + 1) * input.size];
-                    T::pack(&rows[..T::LANES], packed);
-                }
+                // Checked before: every input has numbers for every state.
+                let mut rows: [&[f64]; WIDEST] = [&[]; WIDEST];
+                input.rows(first, states, &mut rows[..T::LANES]);
+                T::pack(&rows[..T::LANES], packed);
             }
-            let results = &mut results[..packs * size];
-            if let Err(error) = kernel.run_packs(workspace, packs, packed, results) {
+            if let Err(error) = kernel.run(workspace, packed, results) {
                 return Some(self.work.first_failure(first, states).unwrap_or((first, error)));
             }
             if !all_finite(results) {
                 let error = DynamicsError::NotFinite { index: 0, found: f64::NAN };
                 return Some(self.work.first_failure(first, states).unwrap_or((first, error)));
             }
-            for (rows, results) in out.chunks_mut(numbers).zip(results.chunks_exact(size)) {
-                T::unpack(results, rows);
-            }
+            T::unpack(results, out);
         }
         None
     }

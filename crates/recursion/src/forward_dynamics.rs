@@ -11,14 +11,16 @@
 //! | α, α⁺ | acceleration of the body, and of its inboard side φ*α(p); α(ground) = (0, −g) | paper 1 (9.12)–(9.14) |
 
 use crate::articulated_sweep::{
-    Pivot, eliminate, filter, filter_revolute, revolute_pivot, smooth, smooth_revolute,
+    Pivot, eliminate, filter, filter_prismatic, filter_revolute, prismatic_pivot, revolute_pivot, smooth,
+    smooth_revolute,
 };
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
 use crate::kernel::kernel;
 use crate::kinematics::{relative, relative_revolute};
 use crate::layout::Pending;
-use crate::layout::{GROUND, Layout, Shifts};
+use crate::layout::{GROUND, Layout, LayoutBody, Shifts, each_kind};
+use crate::link::each_shape;
 use crate::packed::Packed;
 use num_traits::Zero;
 use phipsi_spatial::{ArticulatedInertia, Motion, RigidInertia, Scalar, SixLanes, Vec3, Wrench};
@@ -48,6 +50,8 @@ pub struct ForwardDynamics<T: Scalar> {
     moving: Vec<Moving<T::Arithmetic>>,
     pub(crate) pivots: Vec<Pivot<T::Arithmetic>>,
     pending: Pending<Moved<T::Arithmetic>>,
+    /// P and z of the body that the inward sweep is at.
+    here: Moved<T::Arithmetic>,
     packed: Pending<Packed<Six<T>>>,
     /// α of bodies with several children.
     alpha: Vec<Motion<T::Arithmetic>>,
@@ -64,6 +68,7 @@ impl<T: Scalar> ForwardDynamics<T> {
             moving: vec![Moving { omega: Vec3::zero(), coriolis: Motion::zero() }; n],
             pivots: vec![Pivot::empty(); layout.nv()],
             pending: Pending::new(layout, zero),
+            here: zero,
             packed: Pending::new(layout, Packed::zero::<T::Arithmetic>()),
             alpha: vec![Motion::zero(); n],
             loads: vec![Wrench::zero(); n],
@@ -139,7 +144,7 @@ impl<T: Scalar> ForwardDynamics<T> {
         for k in 0..n {
             let body = &layout.bodies[k];
             if let Hinge::Revolute = body.hinge {
-                let (turn, rate) = (self.shifts.turned(body), v[body.v]);
+                let (turn, rate) = (self.shifts.turned(body, q), v[body.v]);
                 self.shifts.set_turn(k, turn);
                 if body.parent == GROUND {
                     previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);
@@ -147,27 +152,33 @@ impl<T: Scalar> ForwardDynamics<T> {
                     continue;
                 }
                 let inboard = if body.follows_parent(k) { previous } else { moving[body.parent].omega };
-                let (carried, centripetal) = body.link.carried(&body.link.hinged(turn), inboard);
+                let shift = body.link.hinged(turn);
+                let (carried, centripetal) = each_shape!(body.link, |link| link.carried(&shift, inboard));
                 let (omega, coriolis) = relative_revolute(carried, centripetal, rate);
                 moving[k] = Moving { omega, coriolis };
                 previous = omega;
                 continue;
             }
-            self.shifts.set(k, body, q);
-            let joint = body.hinge.expand(&v[body.v..]);
-            let (omega, coriolis) = if body.parent == GROUND {
-                (joint.angular, Motion::zero())
-            } else {
-                let inboard = if body.follows_parent(k) { previous } else { moving[body.parent].omega };
-                let (carried, centripetal) = self.shifts.at(k, body).carried(inboard);
-                relative(&body.hinge, carried, centripetal, joint)
-            };
+            let (omega, coriolis) = each_kind!(body, |body| {
+                self.shifts.set(k, body, q);
+                let joint = body.hinge.expand(&v[body.v..]);
+                if body.parent == GROUND {
+                    (joint.angular, Motion::zero())
+                } else {
+                    let inboard = if body.follows_parent(k) { previous } else { moving[body.parent].omega };
+                    let (carried, centripetal) = self.shifts.at(k, body).carried(inboard);
+                    relative(&body.hinge, carried, centripetal, joint)
+                }
+            });
             moving[k] = Moving { omega, coriolis };
             previous = omega;
         }
     }
 
     /// Kalman filter: `residuals` holds T before and ν after.
+    ///
+    /// P and z of the present body stay in memory, for they are more than the registers hold: what a branch of the program
+    /// would hand on in registers goes to the stack and back.
     #[inline(always)]
     fn sweep_inboard(
         &mut self,
@@ -176,59 +187,126 @@ impl<T: Scalar> ForwardDynamics<T> {
         residuals: &mut [T::Arithmetic],
     ) -> Result<(), DynamicsError> {
         self.pending.clear();
-        let mut hand = (ArticulatedInertia::zero(), Wrench::zero());
-        let (bodies, n) = (&layout.bodies[..], layout.bodies.len());
-        let moving = &self.moving[..n];
-        for (k, body) in bodies.iter().enumerate().rev() {
-            let Moving { omega, coriolis } = moving[k];
-            let M = RigidInertia::constant(&body.inertia);
-            let mut z = M.gyroscopic(omega);
-            if loaded {
-                z += self.loads[k];
-            }
-            if body.children > 1 {
-                self.pending.gather(body, &mut hand, |sum, x| {
-                    sum.0 = sum.0 + x.0;
-                    sum.1 += x.1;
-                });
-            }
-            // A tip starts with nothing in hand.
-            z += hand.1;
-            let P = hand.0.plus_rigid(&M);
-            hand = (ArticulatedInertia::zero(), Wrench::zero());
-            if let Hinge::Revolute = body.hinge {
-                let pivot = match revolute_pivot(&P) {
-                    Ok(pivot) => pivot,
-                    Err((i, D)) => return Err(layout.singular(body.v + i, D)),
-                };
-                self.pivots[body.v] = pivot;
-                if body.parent == GROUND {
-                    residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
-                    continue;
+        let nothing = RigidInertia::zero();
+        for (k, body) in layout.bodies.iter().enumerate().rev() {
+            if body.children == 0 {
+                self.here = (RigidInertia::constant(&body.inertia).to_articulated(), Wrench::zero());
+            } else {
+                for _ in 1..body.children {
+                    add_moved(&mut self.here, self.pending.take());
                 }
-                z += revolute_coriolis_force(&P, coriolis);
-                residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
-                let turn = self.shifts.turn(k);
-                let moved = (
-                    body.link.eliminated_to_parent(turn, &P, &pivot.gain),
-                    body.link.wrench_to_parent(&body.link.hinged(turn), z),
-                );
-                self.pending.give(k, body, &mut hand, moved);
-                continue;
             }
-            if body.parent != GROUND {
-                z += P.times(coriolis);
+            // What goes to the next body gets its own inertia, too.
+            let own = if body.follows_parent(k) { &layout.bodies[body.parent].inertia } else { &nothing };
+            match body.hinge {
+                Hinge::Revolute => self.filter_revolute_body(layout, k, body, loaded, own, residuals)?,
+                Hinge::Prismatic => self.filter_prismatic_body(layout, k, body, loaded, own, residuals)?,
+                _ => each_kind!(body, |body| self.filter_body(layout, k, body, loaded, own, residuals))?,
             }
-            let dofs = body.v..body.v + body.hinge.nv();
-            let pivots = &mut self.pivots[dofs.clone()];
-            let passage = self.shifts.at(k, body);
-            let moved =
-                eliminate(body, passage, P, pivots).map_err(|(i, D)| layout.singular(body.v + i, D))?;
-            filter(&body.hinge, pivots, &mut z, &mut residuals[dofs]);
-            if body.parent != GROUND {
-                self.pending.give(k, body, &mut hand, (moved, passage.wrench_to_parent(z)));
+            if body.parent != GROUND && !body.follows_parent(k) {
+                self.pending.put(&self.here);
             }
         }
+        Ok(())
+    }
+    #[inline(always)]
+    fn filter_revolute_body(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        k: usize,
+        body: &LayoutBody<T::Constant>,
+        loaded: bool,
+        own: &RigidInertia<T::Constant>,
+        residuals: &mut [T::Arithmetic],
+    ) -> Result<(), DynamicsError> {
+        let pivot = match revolute_pivot(&self.here.0) {
+            Ok(pivot) => pivot,
+            Err((i, D)) => return Err(layout.singular(body.v + i, D)),
+        };
+        self.pivots[body.v] = pivot;
+        let Moving { omega, coriolis } = self.moving[k];
+        let mut z = RigidInertia::constant(&body.inertia).gyroscopic(omega) + self.here.1;
+        if loaded {
+            z += self.loads[k];
+        }
+        if body.parent == GROUND {
+            residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
+            return Ok(());
+        }
+        z += revolute_coriolis_force(&self.here.0, coriolis);
+        residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
+        let turn = self.shifts.turn(k);
+        let own = RigidInertia::constant(own);
+        each_shape!(body.link, |link| {
+            self.here.1 = link.wrench_to_parent(&link.hinged(turn), z);
+            self.here.0 = link.eliminated_to_parent(turn, &self.here.0, &pivot.gain).plus_rigid(&own);
+        });
+        Ok(())
+    }
+    #[inline(always)]
+    fn filter_prismatic_body(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        k: usize,
+        body: &LayoutBody<T::Constant>,
+        loaded: bool,
+        own: &RigidInertia<T::Constant>,
+        residuals: &mut [T::Arithmetic],
+    ) -> Result<(), DynamicsError> {
+        let pivot = match prismatic_pivot(&self.here.0) {
+            Ok(pivot) => pivot,
+            Err((i, D)) => return Err(layout.singular(body.v + i, D)),
+        };
+        self.pivots[body.v] = pivot;
+        let Moving { omega, coriolis } = self.moving[k];
+        let mut z = RigidInertia::constant(&body.inertia).gyroscopic(omega) + self.here.1;
+        if loaded {
+            z += self.loads[k];
+        }
+        if body.parent == GROUND {
+            residuals[body.v] = filter_prismatic(&pivot, &mut z, residuals[body.v]);
+            return Ok(());
+        }
+        // A slider's a does not turn.
+        let P = &self.here.0;
+        z += Wrench::new(P.coupling * coriolis.linear, P.mass * coriolis.linear);
+        residuals[body.v] = filter_prismatic(&pivot, &mut z, residuals[body.v]);
+        let shift = *self.shifts.at(k, body).shift;
+        let own = RigidInertia::constant(own);
+        each_shape!(body.link, |link| {
+            self.here.1 = link.wrench_to_parent(&shift, z);
+            self.here.0 = link.slid_to_parent(&shift, &self.here.0, &pivot.gain).plus_rigid(&own);
+        });
+        Ok(())
+    }
+    #[inline(always)]
+    fn filter_body(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        k: usize,
+        body: &LayoutBody<T::Constant>,
+        loaded: bool,
+        own: &RigidInertia<T::Constant>,
+        residuals: &mut [T::Arithmetic],
+    ) -> Result<(), DynamicsError> {
+        let Moving { omega, coriolis } = self.moving[k];
+        let P = self.here.0;
+        let mut z = RigidInertia::constant(&body.inertia).gyroscopic(omega) + self.here.1;
+        if loaded {
+            z += self.loads[k];
+        }
+        if body.parent != GROUND {
+            z += P.times(coriolis);
+        }
+        let dofs = body.v..body.v + body.hinge.nv();
+        let pivots = &mut self.pivots[dofs.clone()];
+        let passage = self.shifts.at(k, body);
+        let moved = match eliminate(body, passage, P, pivots) {
+            Ok(moved) => moved,
+            Err((i, D)) => return Err(layout.singular(body.v + i, D)),
+        };
+        filter(&body.hinge, pivots, &mut z, &mut residuals[dofs]);
+        self.here = (moved.plus_rigid(&RigidInertia::constant(own)), passage.wrench_to_parent(z));
         Ok(())
     }
 
@@ -330,15 +408,18 @@ impl<T: Scalar> ForwardDynamics<T> {
             let mut alpha;
             if let Hinge::Revolute = body.hinge {
                 let shift = body.link.hinged(self.shifts.turn(k));
-                alpha = body.link.motion_to_child(&shift, inboard);
+                alpha = each_shape!(body.link, |link| link.motion_to_child(&shift, inboard));
                 residuals[body.v] = smooth_revolute(&self.pivots[body.v], &mut alpha, residuals[body.v]);
             } else {
-                let dofs = body.v..body.v + body.hinge.nv();
-                alpha = self.shifts.at(k, body).motion_to_child(inboard);
-                smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
-                if turning {
-                    body.hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
-                }
+                alpha = each_kind!(body, |body| {
+                    let dofs = body.v..body.v + body.hinge.nv();
+                    let mut alpha = self.shifts.at(k, body).motion_to_child(inboard);
+                    smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
+                    if turning {
+                        body.hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
+                    }
+                    alpha
+                });
             }
             alpha += self.moving[k].coriolis;
             if body.children > 1 {
@@ -370,6 +451,12 @@ kernel! {
         work.sweep_outboard(layout, v, turning, out);
         Ok(())
     }
+}
+
+#[inline(always)]
+fn add_moved<T: Scalar>(sum: &mut Moved<T>, x: &Moved<T>) {
+    sum.0 = sum.0 + x.0;
+    sum.1 += x.1;
 }
 
 /// P a, where a hinge about z has no a along it.

@@ -24,7 +24,7 @@ use quarter::{
 
 /// Angles that cost less than others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Twist {
+pub(crate) enum Twist {
     /// α = 0.
     Straight,
     /// α = 90°.
@@ -42,9 +42,39 @@ pub struct Link<C> {
     twist: Turn<C>,
     last: Turn<C>,
     offset: Vec3<C>,
-    shape: Twist,
-    has_first: bool,
+    pub(crate) shape: Twist,
+    pub(crate) has_first: bool,
 }
+
+/// One copy of an expression for every shape of a link without first turn, in which the shape is a constant, so that each
+/// copy has no branches; and one for links with a first turn.
+macro_rules! each_shape {
+    ($link:expr, |$known:ident| $step:expr) => {
+        match $link.shape {
+            _ if $link.has_first => {
+                let $known = $link;
+                $step
+            }
+            $crate::link::Twist::Straight => {
+                let $known = &$link.known($crate::link::Twist::Straight);
+                $step
+            }
+            $crate::link::Twist::Quarter => {
+                let $known = &$link.known($crate::link::Twist::Quarter);
+                $step
+            }
+            $crate::link::Twist::BackQuarter => {
+                let $known = &$link.known($crate::link::Twist::BackQuarter);
+                $step
+            }
+            $crate::link::Twist::Oblique => {
+                let $known = &$link.known($crate::link::Twist::Oblique);
+                $step
+            }
+        }
+    };
+}
+pub(crate) use each_shape;
 
 /// A link at one configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,6 +155,11 @@ impl<C: Real> Link<C> {
     /// The same link after the body's own frame was turned by `turn` about z.
     pub(crate) fn with_body_turned(self, turn: Turn<C>) -> Self {
         Link { last: self.last.then(turn), ..self }
+    }
+    /// The same link, without first turn, of a known shape.
+    #[inline(always)]
+    pub(crate) fn known(&self, shape: Twist) -> Self {
+        Link { shape, has_first: false, ..*self }
     }
     /// Pose of the joint frame in the parent's frame at q = 0.
     pub fn placement(&self) -> Transform<C> {
@@ -347,26 +382,56 @@ impl<C: Real> Link<C> {
         mass.add_product(-g, force);
         let mass = self.twist_symmetric(&turn.symmetric_up(Axis::Z, &mass));
         let rows = [force.scale_add(-gx, Vec3(C[0])).0, force.scale_add(-gy, Vec3(C[1])).0];
-        let rows = turn.flat_coupling_z(rows);
-        let ([x, y], o) = (rows, T::zero());
-        let coupling = match self.shape {
-            Twist::Straight => Mat3([x, y, [o; 3]]),
-            Twist::Quarter => Mat3([[x[0], -x[2], x[1]], [o; 3], [y[0], -y[2], y[1]]]),
-            Twist::BackQuarter => Mat3([[x[0], x[2], -x[1]], [o; 3], [-y[0], -y[2], y[1]]]),
-            Twist::Oblique => Turn::constant(&self.twist).flat_coupling_x(rows),
-        };
+        let coupling = self.twisted_rows(turn.flat_coupling_z(rows));
         let moved = shift_coupling(&coupling, &mass, offset);
         let flat = [(-gx).fma(ux, J.xx), (-gx).fma(uy, J.xy), (-gy).fma(uy, J.yy)];
-        let flat = turn.flat_inertia_z(flat);
-        let [xx, xy, yy] = flat;
-        let inertia = match self.shape {
+        let inertia = self.twisted_flat(turn.flat_inertia_z(flat));
+        let inertia = shift_inertia(&inertia, &coupling, &moved, offset);
+        self.first_articulated(ArticulatedInertia { inertia, coupling: moved, mass })
+    }
+    /// The same for a slider along z, whose gain is G = (g, gx, gy, 1).
+    #[inline(always)]
+    pub(crate) fn slid_to_parent<T: Scalar<Constant = C>>(
+        &self,
+        shift: &Shift<T>,
+        P: &ArticulatedInertia<T>,
+        gain: &Wrench<T>,
+    ) -> ArticulatedInertia<T> {
+        let (m, C, turn) = (&P.mass, &P.coupling, shift.turn);
+        let (ux, uy, moment) = (m.xz, m.yz, C.column(2));
+        let (g, [gx, gy, _]) = (gain.moment, gain.force.0);
+        let flat = [(-gx).fma(ux, m.xx), (-gx).fma(uy, m.xy), (-gy).fma(uy, m.yy)];
+        let mass = self.twisted_flat(turn.flat_inertia_z(flat));
+        let columns = [moment.scale_add(-gx, C.column(0)).0, moment.scale_add(-gy, C.column(1)).0];
+        let coupling = self.twisted_rows(turn.flat_coupling_z(columns)).transpose();
+        let moved = shift_coupling(&coupling, &mass, shift.offset);
+        let mut inertia = P.inertia;
+        inertia.add_product(-g, moment);
+        let inertia = self.twist_symmetric(&turn.symmetric_up(Axis::Z, &inertia));
+        let inertia = shift_inertia(&inertia, &coupling, &moved, shift.offset);
+        self.first_articulated(ArticulatedInertia { inertia, coupling: moved, mass })
+    }
+    /// X(α) on a symmetric matrix of xx, xy, yy.
+    #[inline(always)]
+    fn twisted_flat<T: Scalar<Constant = C>>(&self, flat: [T; 3]) -> Sym3<T> {
+        let ([xx, xy, yy], o) = (flat, T::zero());
+        match self.shape {
             Twist::Straight => Sym3 { xx, xy, xz: o, yy, yz: o, zz: o },
             Twist::Quarter => Sym3 { xx, xy: o, xz: xy, yy: o, yz: o, zz: yy },
             Twist::BackQuarter => Sym3 { xx, xy: o, xz: -xy, yy: o, yz: o, zz: yy },
             Twist::Oblique => Turn::constant(&self.twist).flat_inertia_x(flat),
-        };
-        let inertia = shift_inertia(&inertia, &coupling, &moved, offset);
-        self.first_articulated(ArticulatedInertia { inertia, coupling: moved, mass })
+        }
+    }
+    /// X(α) on a matrix of rows x and y.
+    #[inline(always)]
+    fn twisted_rows<T: Scalar<Constant = C>>(&self, rows: [[T; 3]; 2]) -> Mat3<T> {
+        let ([x, y], o) = (rows, T::zero());
+        match self.shape {
+            Twist::Straight => Mat3([x, y, [o; 3]]),
+            Twist::Quarter => Mat3([[x[0], -x[2], x[1]], [o; 3], [y[0], -y[2], y[1]]]),
+            Twist::BackQuarter => Mat3([[x[0], x[2], -x[1]], [o; 3], [-y[0], -y[2], y[1]]]),
+            Twist::Oblique => Turn::constant(&self.twist).flat_coupling_x(rows),
+        }
     }
     #[inline(always)]
     fn twist_symmetric<T: Scalar<Constant = C>>(&self, m: &Sym3<T>) -> Sym3<T> {
