@@ -157,15 +157,15 @@ impl<T: Scalar> ForwardDynamics<T> {
                 previous = omega;
                 continue;
             }
-            let (omega, coriolis) = each_kind!(body, |body| {
-                self.shifts.set(k, body, q);
-                let joint = body.hinge.expand(&v[body.v..]);
-                if body.parent == GROUND {
+            let (omega, coriolis) = each_kind!(body, |known| {
+                self.shifts.set(k, known, q);
+                let joint = known.hinge.expand(&v[known.v..]);
+                if known.parent == GROUND {
                     (joint.angular, Motion::zero())
                 } else {
-                    let inboard = if body.follows_parent(k) { previous } else { moving[body.parent].omega };
-                    let (carried, centripetal) = self.shifts.at(k, body).carried(inboard);
-                    relative(&body.hinge, carried, centripetal, joint)
+                    let inboard = if known.follows_parent(k) { previous } else { moving[known.parent].omega };
+                    let (carried, centripetal) = self.shifts.at(k, known).carried(inboard);
+                    relative(&known.hinge, carried, centripetal, joint)
                 }
             });
             moving[k] = Moving { omega, coriolis };
@@ -274,12 +274,17 @@ impl<T: Scalar> ForwardDynamics<T> {
                 alpha = each_shape!(body.link, |link| link.motion_to_child(&shift, inboard));
                 residuals[body.v] = smooth_revolute(&self.pivots[body.v], &mut alpha, residuals[body.v]);
             } else {
-                alpha = each_kind!(body, |body| {
-                    let dofs = body.v..body.v + body.hinge.nv();
-                    let mut alpha = self.shifts.at(k, body).motion_to_child(inboard);
-                    smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
+                alpha = each_kind!(body, |known| {
+                    let dofs = known.v..body.v + known.hinge.nv();
+                    let mut alpha = self.shifts.at(k, known).motion_to_child(inboard);
+                    smooth(
+                        &known.hinge,
+                        &self.pivots[dofs.clone()],
+                        &mut alpha,
+                        &mut residuals[dofs.clone()],
+                    );
                     if turning {
-                        body.hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
+                        known.hinge.subtract_turning(&v[known.v..], &mut residuals[dofs]);
                     }
                     alpha
                 });

@@ -39,7 +39,7 @@ impl<T: Scalar> ForwardDynamics<T> {
             match body.hinge {
                 Hinge::Revolute => self.filter_revolute_body(layout, k, body, loaded, own, residuals)?,
                 Hinge::Prismatic => self.filter_prismatic_body(layout, k, body, loaded, own, residuals)?,
-                _ => each_kind!(body, |body| self.filter_body(layout, k, body, loaded, own, residuals))?,
+                _ => each_kind!(body, |known| self.filter_body(layout, k, known, loaded, own, residuals))?,
             }
             if body.parent != GROUND && !body.follows_parent(k) {
                 self.pending.put(&self.here);
