@@ -10,20 +10,20 @@
 //! | b | (ω × J ω, ω × (ω × h)) − w, gyroscopic force less the external wrench | soa.md 3.0 |
 //! | α, α⁺ | acceleration of the body, and of its inboard side φ*α(p); α(ground) = (0, −g) | paper 1 (9.12)–(9.14) |
 
-use crate::articulated_sweep::{
-    Pivot, eliminate, filter, filter_revolute, revolute_pivot, smooth, smooth_revolute,
-};
+use crate::articulated_sweep::{Pivot, eliminate, filter, smooth, smooth_revolute};
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
 use crate::kernel::kernel;
 use crate::kinematics::{relative, relative_revolute};
 use crate::layout::Pending;
-use crate::layout::{GROUND, Layout, Shifts};
+use crate::layout::{GROUND, Layout, Shifts, each_kind};
+use crate::link::each_shape;
 use crate::packed::Packed;
 use num_traits::Zero;
-use phipsi_spatial::{ArticulatedInertia, Motion, RigidInertia, Scalar, SixLanes, Vec3, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Motion, Scalar, SixLanes, Vec3, Wrench};
 
 mod info;
+mod inward;
 
 pub use info::{ForwardInfo, WorstHinge, forward_info};
 
@@ -48,6 +48,8 @@ pub struct ForwardDynamics<T: Scalar> {
     moving: Vec<Moving<T::Arithmetic>>,
     pub(crate) pivots: Vec<Pivot<T::Arithmetic>>,
     pending: Pending<Moved<T::Arithmetic>>,
+    /// P and z of the body that the inward sweep is at.
+    here: Moved<T::Arithmetic>,
     packed: Pending<Packed<Six<T>>>,
     /// α of bodies with several children.
     alpha: Vec<Motion<T::Arithmetic>>,
@@ -64,6 +66,7 @@ impl<T: Scalar> ForwardDynamics<T> {
             moving: vec![Moving { omega: Vec3::zero(), coriolis: Motion::zero() }; n],
             pivots: vec![Pivot::empty(); layout.nv()],
             pending: Pending::new(layout, zero),
+            here: zero,
             packed: Pending::new(layout, Packed::zero::<T::Arithmetic>()),
             alpha: vec![Motion::zero(); n],
             loads: vec![Wrench::zero(); n],
@@ -139,7 +142,7 @@ impl<T: Scalar> ForwardDynamics<T> {
         for k in 0..n {
             let body = &layout.bodies[k];
             if let Hinge::Revolute = body.hinge {
-                let (turn, rate) = (self.shifts.turned(body), v[body.v]);
+                let (turn, rate) = (self.shifts.turned(body, q), v[body.v]);
                 self.shifts.set_turn(k, turn);
                 if body.parent == GROUND {
                     previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);
@@ -147,89 +150,27 @@ impl<T: Scalar> ForwardDynamics<T> {
                     continue;
                 }
                 let inboard = if body.follows_parent(k) { previous } else { moving[body.parent].omega };
-                let (carried, centripetal) = body.link.carried(&body.link.hinged(turn), inboard);
+                let shift = body.link.hinged(turn);
+                let (carried, centripetal) = each_shape!(body.link, |link| link.carried(&shift, inboard));
                 let (omega, coriolis) = relative_revolute(carried, centripetal, rate);
                 moving[k] = Moving { omega, coriolis };
                 previous = omega;
                 continue;
             }
-            self.shifts.set(k, body, q);
-            let joint = body.hinge.expand(&v[body.v..]);
-            let (omega, coriolis) = if body.parent == GROUND {
-                (joint.angular, Motion::zero())
-            } else {
-                let inboard = if body.follows_parent(k) { previous } else { moving[body.parent].omega };
-                let (carried, centripetal) = self.shifts.at(k, body).carried(inboard);
-                relative(&body.hinge, carried, centripetal, joint)
-            };
+            let (omega, coriolis) = each_kind!(body, |known| {
+                self.shifts.set(k, known, q);
+                let joint = known.hinge.expand(&v[known.v..]);
+                if known.parent == GROUND {
+                    (joint.angular, Motion::zero())
+                } else {
+                    let inboard = if known.follows_parent(k) { previous } else { moving[known.parent].omega };
+                    let (carried, centripetal) = self.shifts.at(k, known).carried(inboard);
+                    relative(&known.hinge, carried, centripetal, joint)
+                }
+            });
             moving[k] = Moving { omega, coriolis };
             previous = omega;
         }
-    }
-
-    /// Kalman filter: `residuals` holds T before and ν after.
-    #[inline(always)]
-    fn sweep_inboard(
-        &mut self,
-        layout: &Layout<T::Constant>,
-        loaded: bool,
-        residuals: &mut [T::Arithmetic],
-    ) -> Result<(), DynamicsError> {
-        self.pending.clear();
-        let mut hand = (ArticulatedInertia::zero(), Wrench::zero());
-        let (bodies, n) = (&layout.bodies[..], layout.bodies.len());
-        let moving = &self.moving[..n];
-        for (k, body) in bodies.iter().enumerate().rev() {
-            let Moving { omega, coriolis } = moving[k];
-            let M = RigidInertia::constant(&body.inertia);
-            let mut z = M.gyroscopic(omega);
-            if loaded {
-                z += self.loads[k];
-            }
-            if body.children > 1 {
-                self.pending.gather(body, &mut hand, |sum, x| {
-                    sum.0 = sum.0 + x.0;
-                    sum.1 += x.1;
-                });
-            }
-            // A tip starts with nothing in hand.
-            z += hand.1;
-            let P = hand.0.plus_rigid(&M);
-            hand = (ArticulatedInertia::zero(), Wrench::zero());
-            if let Hinge::Revolute = body.hinge {
-                let pivot = match revolute_pivot(&P) {
-                    Ok(pivot) => pivot,
-                    Err((i, D)) => return Err(layout.singular(body.v + i, D)),
-                };
-                self.pivots[body.v] = pivot;
-                if body.parent == GROUND {
-                    residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
-                    continue;
-                }
-                z += revolute_coriolis_force(&P, coriolis);
-                residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
-                let turn = self.shifts.turn(k);
-                let moved = (
-                    body.link.eliminated_to_parent(turn, &P, &pivot.gain),
-                    body.link.wrench_to_parent(&body.link.hinged(turn), z),
-                );
-                self.pending.give(k, body, &mut hand, moved);
-                continue;
-            }
-            if body.parent != GROUND {
-                z += P.times(coriolis);
-            }
-            let dofs = body.v..body.v + body.hinge.nv();
-            let pivots = &mut self.pivots[dofs.clone()];
-            let passage = self.shifts.at(k, body);
-            let moved =
-                eliminate(body, passage, P, pivots).map_err(|(i, D)| layout.singular(body.v + i, D))?;
-            filter(&body.hinge, pivots, &mut z, &mut residuals[dofs]);
-            if body.parent != GROUND {
-                self.pending.give(k, body, &mut hand, (moved, passage.wrench_to_parent(z)));
-            }
-        }
-        Ok(())
     }
 
     /// [`Self::sweep_inboard`] with the six-vectors of the state in lanes.
@@ -330,15 +271,23 @@ impl<T: Scalar> ForwardDynamics<T> {
             let mut alpha;
             if let Hinge::Revolute = body.hinge {
                 let shift = body.link.hinged(self.shifts.turn(k));
-                alpha = body.link.motion_to_child(&shift, inboard);
+                alpha = each_shape!(body.link, |link| link.motion_to_child(&shift, inboard));
                 residuals[body.v] = smooth_revolute(&self.pivots[body.v], &mut alpha, residuals[body.v]);
             } else {
-                let dofs = body.v..body.v + body.hinge.nv();
-                alpha = self.shifts.at(k, body).motion_to_child(inboard);
-                smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
-                if turning {
-                    body.hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
-                }
+                alpha = each_kind!(body, |known| {
+                    let dofs = known.v..body.v + known.hinge.nv();
+                    let mut alpha = self.shifts.at(k, known).motion_to_child(inboard);
+                    smooth(
+                        &known.hinge,
+                        &self.pivots[dofs.clone()],
+                        &mut alpha,
+                        &mut residuals[dofs.clone()],
+                    );
+                    if turning {
+                        known.hinge.subtract_turning(&v[known.v..], &mut residuals[dofs]);
+                    }
+                    alpha
+                });
             }
             alpha += self.moving[k].coriolis;
             if body.children > 1 {
@@ -370,17 +319,6 @@ kernel! {
         work.sweep_outboard(layout, v, turning, out);
         Ok(())
     }
-}
-
-/// P a, where a hinge about z has no a along it.
-#[inline(always)]
-fn revolute_coriolis_force<T: Scalar>(P: &ArticulatedInertia<T>, a: Motion<T>) -> Wrench<T> {
-    let (J, C) = (&P.inertia, &P.coupling);
-    let [x, y, _] = a.angular.0;
-    let (cx, cy) = (C.row(0), C.row(1));
-    let angular = Vec3([J.xx.fma(x, J.xy * y), J.xy.fma(x, J.yy * y), J.xz.fma(x, J.yz * y)]);
-    let across = Vec3([cx.dot(a.linear), cy.dot(a.linear), C.row(2).dot(a.linear)]);
-    Wrench::new(angular + across, cx.scale_add(x, cy.scale_add(y, P.mass * a.linear)))
 }
 
 /// [`ForwardDynamics::run`] for a single call.

@@ -83,6 +83,28 @@ impl<C: Real> LayoutBody<C> {
     }
 }
 
+/// Copies of a step for the kinds of joints that robots have besides hinges, in which the kind is a constant, and one for all
+/// others: a step asks for the kind many times.
+macro_rules! each_kind {
+    ($body:expr, |$known:ident| $step:expr) => {
+        match $body.hinge {
+            $crate::hinge::Hinge::Prismatic => {
+                let $known = &$crate::layout::LayoutBody { hinge: $crate::hinge::Hinge::Prismatic, ..*$body };
+                $step
+            }
+            $crate::hinge::Hinge::Free => {
+                let $known = &$crate::layout::LayoutBody { hinge: $crate::hinge::Hinge::Free, ..*$body };
+                $step
+            }
+            _ => {
+                let $known = $body;
+                $step
+            }
+        }
+    };
+}
+pub(crate) use each_kind;
+
 /// Where a body of the model lives in the layout.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Carrier<C> {

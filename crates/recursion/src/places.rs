@@ -38,7 +38,7 @@ impl Places {
         let nv = layout.nv();
         let count = (nv + T::COLUMNS - 1).next_multiple_of(T::COLUMNS.max(ROWS));
         let margin = count - nv;
-        let stride = (count / T::COLUMNS | 1) * T::COLUMNS;
+        let stride = (count / T::COLUMNS / 2 * 2 + 1) * T::COLUMNS;
         let (mut first, mut end, mut dof) = (Vec::new(), Vec::new(), vec![0; margin]);
         for (body, outboard) in layout.bodies().iter().zip(&layout.outboard_dofs) {
             first.push(dof.len());

@@ -10,31 +10,36 @@ use phipsi_spatial::{Motion, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench
 pub(crate) struct Shifts<T> {
     shift: Vec<Shift<T>>,
     general: Vec<Transform<T>>,
-    /// Of every coordinate: they cost less together.
+    /// Of every coordinate, where they cost less together.
     sin: Vec<T>,
     cos: Vec<T>,
 }
 
 impl<T: Scalar> Shifts<T> {
+    /// One number has lanes for the sines of several coordinates; lanes of states are full with one.
+    const TOGETHER: bool = T::LANES == 1;
+
     pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
         let general = layout.bodies.iter().filter(|b| b.is_general()).count();
         Shifts {
             shift: layout.bodies.iter().map(|b| b.link.at_rest()).collect(),
             general: vec![Transform::identity(); general],
-            sin: vec![T::zero(); layout.nq()],
-            cos: vec![T::one(); layout.nq()],
+            sin: vec![T::zero(); if Self::TOGETHER { layout.nq() } else { 0 }],
+            cos: vec![T::one(); if Self::TOGETHER { layout.nq() } else { 0 }],
         }
     }
     /// Takes the coordinates that the next shifts are set at.
     #[inline(always)]
     pub(crate) fn begin(&mut self, q: &[T]) {
-        T::sin_cos_all(q, &mut self.sin, &mut self.cos);
+        if Self::TOGETHER {
+            T::sin_cos_all(q, &mut self.sin, &mut self.cos);
+        }
     }
     /// Sets the shift of body `k`, at the coordinates that [`Shifts::begin`] took.
     #[inline(always)]
     pub(crate) fn set(&mut self, k: usize, body: &LayoutBody<T::Constant>, q: &[T]) {
         if let Hinge::Revolute = body.hinge {
-            self.shift[k].turn = self.turned(body);
+            self.shift[k].turn = self.turned(body, q);
             return;
         }
         let (shift, general) = body.link.at(&body.hinge, &q[body.q..]);
@@ -50,10 +55,14 @@ impl<T: Scalar> Shifts<T> {
             self.set(k, body, q);
         }
     }
-    /// Z(q + θ₁) of a body on a hinge.
+    /// Z(q + θ₁) of a body on a hinge, at the coordinates that [`Shifts::begin`] took.
     #[inline(always)]
-    pub(crate) fn turned(&self, body: &LayoutBody<T::Constant>) -> Turn<T> {
-        body.link.turned_by(Turn { cos: self.cos[body.q], sin: self.sin[body.q] })
+    pub(crate) fn turned(&self, body: &LayoutBody<T::Constant>, q: &[T]) -> Turn<T> {
+        if Self::TOGETHER {
+            body.link.turned_by(Turn { cos: self.cos[body.q], sin: self.sin[body.q] })
+        } else {
+            body.link.turned(q[body.q])
+        }
     }
     /// The turn of a body on a hinge.
     #[inline(always)]

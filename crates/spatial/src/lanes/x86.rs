@@ -4,7 +4,10 @@ use super::*;
 use crate::wide::WIDEST;
 use core::arch::x86_64::*;
 
+mod rows;
 mod six;
+
+use rows::{pack4, pack8, unpack4, unpack8};
 
 /// Runs a kernel compiled for AVX2 and FMA.
 ///
@@ -39,8 +42,9 @@ macro_rules! lanes {
         $t:ident, $n:literal, $with:ident, $set:ident, $load:ident, $store:ident,
         $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident, $sqrt:ident,
         negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident,
-        insert: $insert:ident, between: $between:ident, store_from: $store_from:ident, load_first: $load_first:ident,
-        store_first: $store_first:ident, transpose: $transpose:ident
+        insert: $insert:ident, between: $between:ident,
+        store_from: $store_from:ident, load_first: $load_first:ident,
+        store_first: $store_first:ident, transpose: $transpose:ident, pack: $pack:ident, unpack: $unpack:ident
     ) => {
         // SAFETY of this macro: a value of the type exists only after the processor was asked (see the module above).
         impl Add for $t {
@@ -146,6 +150,14 @@ macro_rules! lanes {
                 self.to_array()[i]
             }
             numbers_in_memory!();
+            #[inline(always)]
+            fn pack(rows: &[&[f64]], out: &mut [Self]) {
+                unsafe { $pack(rows, out) }
+            }
+            #[inline(always)]
+            fn unpack(x: &[Self], out: &mut [f64]) {
+                unsafe { $unpack(x, out) }
+            }
         }
         impl Wide<Fused> for $t {
             const COUNT: usize = $n;
@@ -221,16 +233,18 @@ lanes!(
     F64x4, 4, with_fma, _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd,
     _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd, _mm256_fmadd_pd, _mm256_sqrt_pd,
     negate: negate4, all: all_between4, size: size4, turn: turn4,
-    insert: insert4, between: between4, store_from: store_from4, load_first: load_first4, store_first: store_first4,
-    transpose: transpose4
+    insert: insert4, between: between4,
+    store_from: store_from4, load_first: load_first4, store_first: store_first4,
+    transpose: transpose4, pack: pack4, unpack: unpack4
 );
 
 lanes!(
     F64x8, 8, with_avx512, _mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd,
     _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd, _mm512_div_pd, _mm512_fmadd_pd, _mm512_sqrt_pd,
     negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8,
-    insert: insert8, between: between8, store_from: store_from8, load_first: load_first8, store_first: store_first8,
-    transpose: transpose8
+    insert: insert8, between: between8,
+    store_from: store_from8, load_first: load_first8, store_first: store_first8,
+    transpose: transpose8, pack: pack8, unpack: unpack8
 );
 
 // Functions, for closures cannot be made to inline. SAFETY: as in the macro.
