@@ -16,7 +16,7 @@
 //! joint's force, in its own axes; a change of speed along S gives R(m) Γ − 2B(m) s. −2B(m) sees only angular changes, so it is
 //! a 6×3 matrix of nine numbers N and the linear momentum l.
 //!
-//! All vectors are in the axes of the ground, each body's about its own origin ([`crate::ground_axes`]). Velocities are those
+//! All vectors are in the axes of the ground, each body's about its own origin (`ground_axes.rs`). Velocities are those
 //! against the body's own origin: in that frame of reference, which is as good as any other, the body's linear velocity is
 //! zero. Moving to the parent changes the frame of reference by u, and −2B by the composite's mass and first moment times u. So
 //! no speed against the world enters, as in [`crate::kinematics`].
