@@ -85,6 +85,16 @@ impl<C: Real> LayoutBody<C> {
 
 /// Copies of a step for the kinds of joints that robots have besides hinges, in which the kind is a constant, and one for all
 /// others: a step asks for the kind many times.
+///
+/// One copy without optimisation, as `link::each_shape`.
+#[cfg(debug_assertions)]
+macro_rules! each_kind {
+    ($body:expr, |$known:ident| $step:expr) => {{
+        let $known = $body;
+        $step
+    }};
+}
+#[cfg(not(debug_assertions))]
 macro_rules! each_kind {
     ($body:expr, |$known:ident| $step:expr) => {
         match $body.hinge {

@@ -43,6 +43,16 @@ pub struct Link<C> {
 
 /// One copy of an expression for every shape of a link without first turn, in which the shape is a constant, so that each
 /// copy has no branches; and one for links with a first turn.
+///
+/// Without optimisation nothing is known of a constant, and the copies would only fill the stack: there is one.
+#[cfg(debug_assertions)]
+macro_rules! each_shape {
+    ($link:expr, |$known:ident| $step:expr) => {{
+        let $known = $link;
+        $step
+    }};
+}
+#[cfg(not(debug_assertions))]
 macro_rules! each_shape {
     ($link:expr, |$known:ident| $step:expr) => {
         match $link.shape {
@@ -172,6 +182,7 @@ impl<C: Real> Link<C> {
         Link { last: self.last.then(turn), ..self }
     }
     /// The same link, without first turn, of a known shape.
+    #[cfg(not(debug_assertions))]
     #[inline(always)]
     pub(crate) fn known(&self, shape: Twist) -> Self {
         Link { shape, has_first: false, ..*self }
