@@ -13,19 +13,21 @@
 use crate::articulated_sweep::{
     Pivot, eliminate, filter, filter_revolute, revolute_pivot, smooth, smooth_revolute,
 };
+use crate::branching::{Given, recur};
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
-use crate::kernel::kernel;
 use crate::kinematics::{relative, relative_revolute};
-use crate::layout::Pending;
-use crate::layout::{GROUND, Layout, Shifts};
+use crate::layout::{GROUND, Layout, Shifts, TOGETHER};
 use crate::packed::Packed;
+use core::ops::Range;
 use num_traits::Zero;
 use phipsi_spatial::{ArticulatedInertia, Motion, RigidInertia, Scalar, SixLanes, Vec3, Wrench};
 
 mod info;
+mod run;
 
 pub use info::{ForwardInfo, WorstHinge, forward_info};
+use run::{Call, Filter, Run, Smoother, Sweeps};
 
 /// What the first sweep leaves of a body.
 #[derive(Clone, Copy, Debug)]
@@ -47,8 +49,8 @@ pub struct ForwardDynamics<T: Scalar> {
     pub(crate) shifts: Shifts<T::Arithmetic>,
     moving: Vec<Moving<T::Arithmetic>>,
     pub(crate) pivots: Vec<Pivot<T::Arithmetic>>,
-    pending: Pending<Moved<T::Arithmetic>>,
-    packed: Pending<Packed<Six<T>>>,
+    given: Given<Moved<T::Arithmetic>>,
+    packed: Given<Packed<Six<T>>>,
     /// α of bodies with several children.
     alpha: Vec<Motion<T::Arithmetic>>,
     /// Minus the external wrenches, where there are any.
@@ -58,13 +60,13 @@ pub struct ForwardDynamics<T: Scalar> {
 impl<T: Scalar> ForwardDynamics<T> {
     /// A workspace for a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
-        let (n, zero) = (layout.len(), (ArticulatedInertia::zero(), Wrench::zero()));
+        let n = layout.len();
         ForwardDynamics {
             shifts: Shifts::new(layout),
             moving: vec![Moving { omega: Vec3::zero(), coriolis: Motion::zero() }; n],
             pivots: vec![Pivot::empty(); layout.nv()],
-            pending: Pending::new(layout, zero),
-            packed: Pending::new(layout, Packed::zero::<T::Arithmetic>()),
+            given: Given::new(layout, (ArticulatedInertia::zero(), Wrench::zero())),
+            packed: Given::new(layout, Packed::zero::<T::Arithmetic>()),
             alpha: vec![Motion::zero(); n],
             loads: vec![Wrench::zero(); n],
         }
@@ -78,7 +80,8 @@ impl<T: Scalar> ForwardDynamics<T> {
     /// `q`: nq; `v`, `tau`, `out`: nv; `wrenches`: one per body of the model, at its frame's origin, its axes.
     ///
     /// # Cost
-    /// O(n): three sweeps; no allocation.
+    /// O(n): three sweeps; no allocation. Of a tree of 8192 bodies or more, branches run side by side (feature `parallel`),
+    /// for the same result: a few allocations for each.
     ///
     /// # Accuracy
     /// n·ε·κ, but ε × mass ratio where a heavy body hangs on a light one (soa.md 2.2); [`forward_info`] measures it.
@@ -117,77 +120,111 @@ impl<T: Scalar> ForwardDynamics<T> {
             check_length("wrenches", wrenches, layout.model_bodies())?;
             layout.gather_loads(wrenches, &mut self.loads);
         }
+        let branches = layout.branches::<T>();
+        branches.map_or(Ok(()), |whole| self.given.check(whole))?;
         out.copy_from_slice(tau);
-        let (q, v, out) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic_mut(out));
-        T::Arithmetic::dispatch(Sweeps {
-            work: self,
+        let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity));
+        // Lone states only: every state of a batch takes the steps that lanes take, for the same bits.
+        let lone = core::any::TypeId::of::<T>() != core::any::TypeId::of::<T::Arithmetic>();
+        let call = Call {
             layout,
-            q,
-            v,
-            loaded: wrenches.is_some(),
+            q: T::arithmetic(q),
+            v: T::arithmetic(v),
+            loads: if wrenches.is_some() { Some(&self.loads[..]) } else { None },
+            ground,
+            packed: lone && Six::<T>::is_fast(),
             turning: TURNING,
-            out,
-        })
+        };
+        let mut run = Run::<T> {
+            call,
+            first: 0,
+            first_v: 0,
+            outside: (Vec3::zero(), ground),
+            shifts: self.shifts.run(),
+            moving: &mut self.moving,
+            pivots: &mut self.pivots,
+            alpha: &mut self.alpha,
+            residuals: T::arithmetic_mut(out),
+            given: &mut self.given,
+            packed: &mut self.packed,
+        };
+        run.given.clear();
+        run.packed.clear();
+        let Some(branch) = branches else { return run.sweep(0..layout.len(), Sweeps::All) };
+        recur(Filter(run.again()), branch)?;
+        recur(Smoother(run), branch)
     }
+}
 
+impl<T: Scalar> Run<'_, T> {
     #[inline(always)]
-    fn sweep_velocities(&mut self, layout: &Layout<T::Constant>, q: &[T::Arithmetic], v: &[T::Arithmetic]) {
-        let n = layout.bodies.len();
-        let moving = &mut self.moving[..n];
-        self.shifts.begin(q);
-        let mut previous = Vec3::zero();
-        for k in 0..n {
-            let body = &layout.bodies[k];
-            if let Hinge::Revolute = body.hinge {
-                let (turn, rate) = (self.shifts.turned(body), v[body.v]);
-                self.shifts.set_turn(k, turn);
-                if body.parent == GROUND {
-                    previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);
-                    moving[k] = Moving { omega: previous, coriolis: Motion::zero() };
+    fn sweep_velocities(&mut self, numbers: Range<usize>) {
+        let Call { layout, q, v, .. } = self.call;
+        let (first, end, given) = (self.first, numbers.end, self.outside.0);
+        let bodies = &layout.bodies[first..first + end];
+        let moving = &mut self.moving[..end];
+        let mut previous = given;
+        let mut next = numbers.start;
+        while next < end {
+            let start = next;
+            next = end.min(start + TOGETHER);
+            self.shifts.set(&bodies[start..next], start, q);
+            for i in start..next {
+                let (k, body) = (first + i, &bodies[i]);
+                let inboard = if body.follows_parent(k) {
+                    previous
+                } else {
+                    match moving.get(body.parent.wrapping_sub(first)) {
+                        Some(parent) => parent.omega,
+                        None => given,
+                    }
+                };
+                if let Hinge::Revolute = body.hinge {
+                    let (turn, rate) = (self.shifts.turn(i), v[body.v]);
+                    if body.parent == GROUND {
+                        previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);
+                        moving[i] = Moving { omega: previous, coriolis: Motion::zero() };
+                        continue;
+                    }
+                    let (carried, centripetal) = body.link.carried(&body.link.hinged(turn), inboard);
+                    let (omega, coriolis) = relative_revolute(carried, centripetal, rate);
+                    moving[i] = Moving { omega, coriolis };
+                    previous = omega;
                     continue;
                 }
-                let inboard = if body.follows_parent(k) { previous } else { moving[body.parent].omega };
-                let (carried, centripetal) = body.link.carried(&body.link.hinged(turn), inboard);
-                let (omega, coriolis) = relative_revolute(carried, centripetal, rate);
-                moving[k] = Moving { omega, coriolis };
+                let joint = body.hinge.expand(&v[body.v..]);
+                let (omega, coriolis) = if body.parent == GROUND {
+                    (joint.angular, Motion::zero())
+                } else {
+                    let (carried, centripetal) = self.shifts.at(i, body).carried(inboard);
+                    relative(&body.hinge, carried, centripetal, joint)
+                };
+                moving[i] = Moving { omega, coriolis };
                 previous = omega;
-                continue;
             }
-            self.shifts.set(k, body, q);
-            let joint = body.hinge.expand(&v[body.v..]);
-            let (omega, coriolis) = if body.parent == GROUND {
-                (joint.angular, Motion::zero())
-            } else {
-                let inboard = if body.follows_parent(k) { previous } else { moving[body.parent].omega };
-                let (carried, centripetal) = self.shifts.at(k, body).carried(inboard);
-                relative(&body.hinge, carried, centripetal, joint)
-            };
-            moving[k] = Moving { omega, coriolis };
-            previous = omega;
         }
     }
 
     /// Kalman filter: `residuals` holds T before and ν after.
     #[inline(always)]
-    fn sweep_inboard(
-        &mut self,
-        layout: &Layout<T::Constant>,
-        loaded: bool,
-        residuals: &mut [T::Arithmetic],
-    ) -> Result<(), DynamicsError> {
-        self.pending.clear();
-        let mut hand = (ArticulatedInertia::zero(), Wrench::zero());
-        let (bodies, n) = (&layout.bodies[..], layout.bodies.len());
-        let moving = &self.moving[..n];
-        for (k, body) in bodies.iter().enumerate().rev() {
-            let Moving { omega, coriolis } = moving[k];
+    fn sweep_inboard(&mut self, numbers: Range<usize>) -> Result<(), DynamicsError> {
+        let Call { layout, loads, .. } = self.call;
+        let (first, end) = (self.first, numbers.end);
+        let bodies = &layout.bodies[first..first + end];
+        let moving = &self.moving[..end];
+        let (pivots, residuals, first_v) = (&mut *self.pivots, &mut *self.residuals, self.first_v);
+        let mut hand = self.given.hand;
+        for i in numbers.rev() {
+            let (k, body) = (first + i, &bodies[i]);
+            let v = body.v - first_v;
+            let Moving { omega, coriolis } = moving[i];
             let M = RigidInertia::constant(&body.inertia);
             let mut z = M.gyroscopic(omega);
-            if loaded {
-                z += self.loads[k];
+            if let Some(loads) = loads {
+                z += loads[k];
             }
             if body.children > 1 {
-                self.pending.gather(body, &mut hand, |sum, x| {
+                self.given.pending.gather(body, &mut hand, |sum, x| {
                     sum.0 = sum.0 + x.0;
                     sum.1 += x.1;
                 });
@@ -199,176 +236,155 @@ impl<T: Scalar> ForwardDynamics<T> {
             if let Hinge::Revolute = body.hinge {
                 let pivot = match revolute_pivot(&P) {
                     Ok(pivot) => pivot,
-                    Err((i, D)) => return Err(layout.singular(body.v + i, D)),
+                    Err((component, D)) => return Err(layout.singular(body.v + component, D)),
                 };
-                self.pivots[body.v] = pivot;
+                pivots[v] = pivot;
                 if body.parent == GROUND {
-                    residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
+                    residuals[v] = filter_revolute(&pivot, &mut z, residuals[v]);
                     continue;
                 }
                 z += revolute_coriolis_force(&P, coriolis);
-                residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
-                let turn = self.shifts.turn(k);
+                residuals[v] = filter_revolute(&pivot, &mut z, residuals[v]);
+                let turn = self.shifts.turn(i);
                 let moved = (
                     body.link.eliminated_to_parent(turn, &P, &pivot.gain),
                     body.link.wrench_to_parent(&body.link.hinged(turn), z),
                 );
-                self.pending.give(k, body, &mut hand, moved);
+                self.given.pending.give(k, body, &mut hand, moved);
                 continue;
             }
             if body.parent != GROUND {
                 z += P.times(coriolis);
             }
-            let dofs = body.v..body.v + body.hinge.nv();
-            let pivots = &mut self.pivots[dofs.clone()];
-            let passage = self.shifts.at(k, body);
-            let moved =
-                eliminate(body, passage, P, pivots).map_err(|(i, D)| layout.singular(body.v + i, D))?;
+            let dofs = v..v + body.hinge.nv();
+            let pivots = &mut pivots[dofs.clone()];
+            let passage = self.shifts.at(i, body);
+            let moved = eliminate(body, passage, P, pivots)
+                .map_err(|(component, D)| layout.singular(body.v + component, D))?;
             filter(&body.hinge, pivots, &mut z, &mut residuals[dofs]);
             if body.parent != GROUND {
-                self.pending.give(k, body, &mut hand, (moved, passage.wrench_to_parent(z)));
+                self.given.pending.give(k, body, &mut hand, (moved, passage.wrench_to_parent(z)));
             }
         }
+        self.given.hand = hand;
         Ok(())
     }
 
     /// [`Self::sweep_inboard`] with the six-vectors of the state in lanes.
     #[inline(always)]
-    fn sweep_inboard_packed(
-        &mut self,
-        layout: &Layout<T::Constant>,
-        loaded: bool,
-        residuals: &mut [T::Arithmetic],
-    ) -> Result<(), DynamicsError> {
-        self.packed.clear();
-        let mut hand: Packed<Six<T>> = Packed::zero::<T::Arithmetic>();
-        let (bodies, n) = (&layout.bodies[..], layout.bodies.len());
-        let (moving, rigid) = (&self.moving[..n], &layout.rigid[..n]);
-        for (k, body) in bodies.iter().enumerate().rev() {
-            let Moving { omega, coriolis } = &moving[k];
+    fn sweep_inboard_packed(&mut self, numbers: Range<usize>) -> Result<(), DynamicsError> {
+        let Call { layout, loads, .. } = self.call;
+        let (first, end) = (self.first, numbers.end);
+        let (bodies, rigid) = (&layout.bodies[first..first + end], &layout.rigid[first..first + end]);
+        let moving = &self.moving[..end];
+        let (pivots, residuals, first_v) = (&mut *self.pivots, &mut *self.residuals, self.first_v);
+        let mut hand: Packed<Six<T>> = self.packed.hand;
+        for i in numbers.rev() {
+            let (k, body) = (first + i, &bodies[i]);
+            let v = body.v - first_v;
+            let Moving { omega, coriolis } = &moving[i];
             if body.children > 1 {
-                self.packed.gather(body, &mut hand, |sum, x| sum.add::<T::Arithmetic>(x));
+                self.packed.pending.gather(body, &mut hand, |sum, x| sum.add::<T::Arithmetic>(x));
             }
-            hand.add_body(&rigid[k], *omega);
+            hand.add_body(&rigid[i], *omega);
             if let Hinge::Revolute = body.hinge {
-                if loaded {
-                    hand.z = hand.z + Packed::lanes(&self.loads[k]);
+                if let Some(loads) = loads {
+                    hand.z = hand.z + Packed::lanes(&loads[k]);
                 }
                 if body.parent != GROUND {
                     hand.add_coriolis(coriolis);
                 }
-                match hand.eliminate_revolute(residuals[body.v]) {
-                    Ok((pivot, nu)) => (self.pivots[body.v], residuals[body.v]) = (pivot, nu),
+                match hand.eliminate_revolute(residuals[v]) {
+                    Ok((pivot, nu)) => (pivots[v], residuals[v]) = (pivot, nu),
                     Err(D) => return Err(layout.singular(body.v, D)),
                 }
                 let moved = if body.parent == GROUND {
                     Packed::zero::<T::Arithmetic>()
                 } else {
-                    hand.moved::<_, true>(&body.link, &body.link.hinged(self.shifts.turn(k)))
+                    hand.moved::<_, true>(&body.link, &body.link.hinged(self.shifts.turn(i)))
                 };
                 hand = Packed::zero::<T::Arithmetic>();
-                self.packed.give(k, body, &mut hand, moved);
+                self.packed.pending.give(k, body, &mut hand, moved);
                 continue;
             }
             if let Hinge::Prismatic = body.hinge
                 && body.parent != GROUND
             {
-                if loaded {
-                    hand.z = hand.z + Packed::lanes(&self.loads[k]);
+                if let Some(loads) = loads {
+                    hand.z = hand.z + Packed::lanes(&loads[k]);
                 }
                 hand.add_acceleration(coriolis);
-                match hand.eliminate_prismatic(residuals[body.v]) {
-                    Ok((pivot, nu)) => (self.pivots[body.v], residuals[body.v]) = (pivot, nu),
+                match hand.eliminate_prismatic(residuals[v]) {
+                    Ok((pivot, nu)) => (pivots[v], residuals[v]) = (pivot, nu),
                     Err(D) => return Err(layout.singular(body.v, D)),
                 }
-                let moved = hand.moved::<_, false>(&body.link, &self.shifts.all()[k]);
+                let moved = hand.moved::<_, false>(&body.link, self.shifts.shift(i));
                 hand = Packed::zero::<T::Arithmetic>();
-                self.packed.give(k, body, &mut hand, moved);
+                self.packed.pending.give(k, body, &mut hand, moved);
                 continue;
             }
             let (P, mut z) = hand.unpack();
-            if loaded {
-                z += self.loads[k];
+            if let Some(loads) = loads {
+                z += loads[k];
             }
             if body.parent != GROUND {
                 z += P.times(*coriolis);
             }
-            let dofs = body.v..body.v + body.hinge.nv();
-            let pivots = &mut self.pivots[dofs.clone()];
-            let passage = self.shifts.at(k, body);
-            let moved =
-                eliminate(body, passage, P, pivots).map_err(|(i, D)| layout.singular(body.v + i, D))?;
+            let dofs = v..v + body.hinge.nv();
+            let pivots = &mut pivots[dofs.clone()];
+            let passage = self.shifts.at(i, body);
+            let moved = eliminate(body, passage, P, pivots)
+                .map_err(|(component, D)| layout.singular(body.v + component, D))?;
             filter(&body.hinge, pivots, &mut z, &mut residuals[dofs]);
             hand = Packed::zero::<T::Arithmetic>();
             if body.parent != GROUND {
                 let moved = Packed::pack(&moved, &passage.wrench_to_parent(z));
-                self.packed.give(k, body, &mut hand, moved);
+                self.packed.pending.give(k, body, &mut hand, moved);
             }
         }
+        self.packed.hand = hand;
         Ok(())
     }
 
     /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after, or θ̈ + c without `turning`.
     #[inline(always)]
-    fn sweep_outboard(
-        &mut self,
-        layout: &Layout<T::Constant>,
-        v: &[T::Arithmetic],
-        turning: bool,
-        residuals: &mut [T::Arithmetic],
-    ) {
-        let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity));
-        let mut previous = ground;
-        let n = layout.bodies.len();
-        for k in 0..n {
-            let body = &layout.bodies[k];
-            let inboard = match body.parent {
-                GROUND => ground,
-                _ if body.follows_parent(k) => previous,
-                parent => self.alpha[parent],
+    fn sweep_outboard(&mut self, numbers: Range<usize>) {
+        let Call { layout, v, turning, .. } = self.call;
+        let (first, end, given) = (self.first, numbers.end, self.outside.1);
+        let bodies = &layout.bodies[first..first + end];
+        let (moving, alpha_of) = (&self.moving[..end], &mut self.alpha[..end]);
+        let (pivots, residuals, first_v) = (&*self.pivots, &mut *self.residuals, self.first_v);
+        let mut previous = given;
+        for i in numbers {
+            let (k, body) = (first + i, &bodies[i]);
+            let inboard = if body.follows_parent(k) {
+                previous
+            } else {
+                match alpha_of.get(body.parent.wrapping_sub(first)) {
+                    Some(parent) => *parent,
+                    None => given,
+                }
             };
+            let at = body.v - first_v;
             let mut alpha;
             if let Hinge::Revolute = body.hinge {
-                let shift = body.link.hinged(self.shifts.turn(k));
+                let shift = body.link.hinged(self.shifts.turn(i));
                 alpha = body.link.motion_to_child(&shift, inboard);
-                residuals[body.v] = smooth_revolute(&self.pivots[body.v], &mut alpha, residuals[body.v]);
+                residuals[at] = smooth_revolute(&pivots[at], &mut alpha, residuals[at]);
             } else {
-                let dofs = body.v..body.v + body.hinge.nv();
-                alpha = self.shifts.at(k, body).motion_to_child(inboard);
-                smooth(&body.hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
+                let dofs = at..at + body.hinge.nv();
+                alpha = self.shifts.at(i, body).motion_to_child(inboard);
+                smooth(&body.hinge, &pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
                 if turning {
                     body.hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
                 }
             }
-            alpha += self.moving[k].coriolis;
+            alpha += moving[i].coriolis;
             if body.children > 1 {
-                self.alpha[k] = alpha;
+                alpha_of[i] = alpha;
             }
             previous = alpha;
         }
-    }
-}
-
-kernel! {
-    Sweeps<'a, T> {
-        work: &'a mut ForwardDynamics<T>,
-        layout: &'a Layout<T::Constant>,
-        q: &'a [T::Arithmetic],
-        v: &'a [T::Arithmetic],
-        loaded: bool,
-        turning: bool,
-        out: &'a mut [T::Arithmetic],
-    } -> Result<(), DynamicsError> {
-        work.sweep_velocities(layout, q, v);
-        // Lone states only: every state of a batch takes the steps that lanes take, for the same bits.
-        let lone = core::any::TypeId::of::<T>() != core::any::TypeId::of::<T::Arithmetic>();
-        if lone && Six::<T>::is_fast() {
-            work.sweep_inboard_packed(layout, loaded, out)?;
-        } else {
-            work.sweep_inboard(layout, loaded, out)?;
-        }
-        work.sweep_outboard(layout, v, turning, out);
-        Ok(())
     }
 }
 

@@ -71,15 +71,22 @@ pub(super) fn arrange<C: Real>(raw: &[Raw<C>], carriers: &mut [Carrier<C>]) -> (
         general += usize::from(body.is_general());
         bodies.push(body);
     }
+    let most = most_waiting(&bodies, 0);
+    (bodies, most)
+}
+
+/// Most contributions that wait at once for their branching body in an inward sweep over a run of bodies that begins at body
+/// `first`, those to bodies before the run included.
+pub(super) fn most_waiting<C: Real>(run: &[LayoutBody<C>], first: usize) -> usize {
     let (mut waiting, mut most) = (0usize, 0);
-    for (k, body) in bodies.iter().enumerate().rev() {
+    for (k, body) in run.iter().enumerate().rev() {
         waiting -= body.children.saturating_sub(1);
-        if body.parent != GROUND && !body.follows_parent(k) {
+        if body.parent != GROUND && !body.follows_parent(first + k) {
             waiting += 1;
             most = most.max(waiting);
         }
     }
-    (bodies, most)
+    most
 }
 
 /// Depth-first order, lighter subtrees first; and the heaviest child of every body.

@@ -1,6 +1,6 @@
 //! The shift operators φ(p, k) of a layout at one configuration.
 
-use super::{Layout, LayoutBody};
+use super::{Branch, Layout, LayoutBody, carve};
 use crate::hinge::{Hinge, combine};
 use crate::link::Shift;
 use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench};
@@ -10,10 +10,10 @@ use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Transform, Turn, Vec3, 
 pub(crate) struct Shifts<T> {
     shift: Vec<Shift<T>>,
     general: Vec<Transform<T>>,
-    /// Of every coordinate: they cost less together.
-    sin: Vec<T>,
-    cos: Vec<T>,
 }
+
+/// Bodies whose sines are taken together.
+pub(crate) const TOGETHER: usize = 32;
 
 impl<T: Scalar> Shifts<T> {
     pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
@@ -21,48 +21,16 @@ impl<T: Scalar> Shifts<T> {
         Shifts {
             shift: layout.bodies.iter().map(|b| b.link.at_rest()).collect(),
             general: vec![Transform::identity(); general],
-            sin: vec![T::zero(); layout.nq()],
-            cos: vec![T::one(); layout.nq()],
-        }
-    }
-    /// Takes the coordinates that the next shifts are set at.
-    #[inline(always)]
-    pub(crate) fn begin(&mut self, q: &[T]) {
-        T::sin_cos_all(q, &mut self.sin, &mut self.cos);
-    }
-    /// Sets the shift of body `k`, at the coordinates that [`Shifts::begin`] took.
-    #[inline(always)]
-    pub(crate) fn set(&mut self, k: usize, body: &LayoutBody<T::Constant>, q: &[T]) {
-        if let Hinge::Revolute = body.hinge {
-            self.shift[k].turn = self.turned(body);
-            return;
-        }
-        let (shift, general) = body.link.at(&body.hinge, &q[body.q..]);
-        self.shift[k] = shift;
-        if let Some(pose) = general {
-            self.general[body.general] = pose;
         }
     }
     #[inline(always)]
     pub(crate) fn set_all(&mut self, layout: &Layout<T::Constant>, q: &[T]) {
-        self.begin(q);
-        for (k, body) in layout.bodies.iter().enumerate() {
-            self.set(k, body, q);
-        }
-    }
-    /// Z(q + θ₁) of a body on a hinge.
-    #[inline(always)]
-    pub(crate) fn turned(&self, body: &LayoutBody<T::Constant>) -> Turn<T> {
-        body.link.turned_by(Turn { cos: self.cos[body.q], sin: self.sin[body.q] })
+        self.run().set(&layout.bodies, 0, q);
     }
     /// The turn of a body on a hinge.
     #[inline(always)]
     pub(crate) fn turn(&self, k: usize) -> Turn<T> {
         self.shift[k].turn
-    }
-    #[inline(always)]
-    pub(crate) fn set_turn(&mut self, k: usize, turn: Turn<T>) {
-        self.shift[k].turn = turn;
     }
     pub(crate) fn all(&self) -> &[Shift<T>] {
         &self.shift
@@ -72,6 +40,76 @@ impl<T: Scalar> Shifts<T> {
     pub(crate) fn at<'a>(&'a self, k: usize, body: &'a LayoutBody<T::Constant>) -> Passage<'a, T> {
         let general = if body.is_general() { Some(&self.general[body.general]) } else { None };
         Passage { body, shift: &self.shift[k], general }
+    }
+    /// Those of all bodies, as a run.
+    #[inline(always)]
+    pub(crate) fn run(&mut self) -> ShiftRun<'_, T> {
+        ShiftRun { shift: &mut self.shift, general: &mut self.general, first_general: 0 }
+    }
+}
+
+/// φ(p, k) of a run of bodies, numbered from the run's first.
+pub(crate) struct ShiftRun<'a, T> {
+    shift: &'a mut [Shift<T>],
+    general: &'a mut [Transform<T>],
+    first_general: usize,
+}
+
+impl<T: Scalar> ShiftRun<'_, T> {
+    /// The same run, lent.
+    pub(crate) fn again(&mut self) -> ShiftRun<'_, T> {
+        ShiftRun { shift: self.shift, general: self.general, first_general: self.first_general }
+    }
+    /// Sets the shifts of bodies from number `first` on. Called for [`TOGETHER`] of them at a time, they stay in the nearest
+    /// cache until they are used.
+    #[inline(always)]
+    pub(crate) fn set(&mut self, bodies: &[LayoutBody<T::Constant>], first: usize, q: &[T]) {
+        let shifts = &mut self.shift[first..first + bodies.len()];
+        let (mut x, mut sin, mut cos) = ([T::zero(); TOGETHER], [T::zero(); TOGETHER], [T::zero(); TOGETHER]);
+        for (bodies, shifts) in bodies.chunks(TOGETHER).zip(shifts.chunks_mut(TOGETHER)) {
+            let count = bodies.len();
+            for (x, body) in x.iter_mut().zip(bodies) {
+                *x = q[body.q];
+            }
+            T::sin_cos_all(&x[..count], &mut sin[..count], &mut cos[..count]);
+            for (i, (body, shift)) in bodies.iter().zip(shifts).enumerate() {
+                if let Hinge::Revolute = body.hinge {
+                    shift.turn = body.link.turned_by(Turn { cos: cos[i], sin: sin[i] });
+                    continue;
+                }
+                let general;
+                (*shift, general) = body.link.at(&body.hinge, &q[body.q..]);
+                if let Some(pose) = general {
+                    self.general[body.general - self.first_general] = pose;
+                }
+            }
+        }
+    }
+    /// The shift of body number `k`, its own offset included.
+    #[inline(always)]
+    pub(crate) fn shift(&self, k: usize) -> &Shift<T> {
+        &self.shift[k]
+    }
+    /// The turn of a body on a hinge.
+    #[inline(always)]
+    pub(crate) fn turn(&self, k: usize) -> Turn<T> {
+        self.shift[k].turn
+    }
+    /// The shift of body number `k`.
+    #[inline(always)]
+    pub(crate) fn at<'b>(&'b self, k: usize, body: &'b LayoutBody<T::Constant>) -> Passage<'b, T> {
+        let general =
+            if body.is_general() { Some(&self.general[body.general - self.first_general]) } else { None };
+        Passage { body, shift: &self.shift[k], general }
+    }
+    /// Those of a branch's branches.
+    pub(crate) fn carve(&mut self, branch: &Branch) -> Vec<ShiftRun<'_, T>> {
+        let runs = &branch.branches;
+        let shifts = carve(self.shift, branch.bodies.start, runs.iter().map(|b| b.bodies.clone()));
+        let general = carve(self.general, branch.general.start, runs.iter().map(|b| b.general.clone()));
+        let each = shifts.into_iter().zip(general).zip(runs);
+        each.map(|((shift, general), b)| ShiftRun { shift, general, first_general: b.general.start })
+            .collect()
     }
 }
 
