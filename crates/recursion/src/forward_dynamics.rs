@@ -168,7 +168,7 @@ impl<T: Scalar> Run<'_, T> {
         while next < end {
             let start = next;
             next = end.min(start + TOGETHER);
-            self.shifts.set(&bodies[start..next], start, q);
+            self.shifts.begin(&bodies[start..next], q);
             for i in start..next {
                 let (k, body) = (first + i, &bodies[i]);
                 let inboard = if body.follows_parent(k) {
@@ -180,7 +180,9 @@ impl<T: Scalar> Run<'_, T> {
                     }
                 };
                 if let Hinge::Revolute = body.hinge {
-                    let (turn, rate) = (self.shifts.turn(i), v[body.v]);
+                    let turn = self.shifts.turned(i - start, body);
+                    let rate = v[body.v];
+                    self.shifts.set_turn(i, turn);
                     if body.parent == GROUND {
                         previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);
                         moving[i] = Moving { omega: previous, coriolis: Motion::zero() };
@@ -192,6 +194,7 @@ impl<T: Scalar> Run<'_, T> {
                     previous = omega;
                     continue;
                 }
+                self.shifts.set(i, i - start, body, q);
                 let joint = body.hinge.expand(&v[body.v..]);
                 let (omega, coriolis) = if body.parent == GROUND {
                     (joint.angular, Motion::zero())

@@ -122,18 +122,15 @@ impl<T: Scalar> Run<'_, T> {
         while next < end {
             let start = next;
             next = end.min(start + TOGETHER);
-            self.shifts.set(&bodies[start..next], start, q);
+            self.shifts.set_all(start, &bodies[start..next], q);
             for i in start..next {
                 let (k, body) = (first + i, &bodies[i]);
                 let passage = self.shifts.at(i, body);
                 let joint = body.hinge.expand(&v[body.v..]);
-                let inboard = if body.follows_parent(k) {
-                    previous
-                } else {
-                    match moving.get(body.parent.wrapping_sub(first)) {
-                        Some(parent) => *parent,
-                        None => given,
-                    }
+                let inboard = match body.parent {
+                    GROUND => given,
+                    _ if body.follows_parent(k) => previous,
+                    parent => moving.get(parent.wrapping_sub(first)).copied().unwrap_or(given),
                 };
                 let mut alpha = passage.motion_to_child(inboard.1) + body.hinge.expand(&a[body.v..]);
                 if matches!(body.hinge, Hinge::Planar | Hinge::Free) {

@@ -229,8 +229,8 @@ impl<C: Real> Layout<C> {
     /// The branches, if sweeps on scalars `T` are to go through them: for one state, where there are threads.
     pub(crate) fn branches<T: Scalar<Constant = C>>(&self) -> Option<&Branch> {
         // States in lanes are many: they have threads of their own.
-        let worth = T::LANES == 1 && (self.always_branches || crate::branching::several_threads());
-        self.branches.as_ref().filter(|_| worth)
+        let worth = || T::LANES == 1 && (self.always_branches || crate::branching::several_threads());
+        self.branches.as_ref().filter(|_| worth())
     }
     /// Number of runs of bodies that may run on threads of their own.
     #[doc(hidden)]

@@ -10,10 +10,14 @@ use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Transform, Turn, Vec3, 
 pub(crate) struct Shifts<T> {
     shift: Vec<Shift<T>>,
     general: Vec<Transform<T>>,
+    /// Of the first coordinates of some bodies. As many as bodies, so that each run of bodies has some to work with.
+    q: Vec<T>,
+    sin: Vec<T>,
+    cos: Vec<T>,
 }
 
-/// Bodies whose sines are taken together.
-pub(crate) const TOGETHER: usize = 32;
+/// Bodies whose sines are taken together: they cost less so, and stay in the nearest cache until they are used.
+pub(crate) const TOGETHER: usize = 256;
 
 impl<T: Scalar> Shifts<T> {
     pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
@@ -21,11 +25,17 @@ impl<T: Scalar> Shifts<T> {
         Shifts {
             shift: layout.bodies.iter().map(|b| b.link.at_rest()).collect(),
             general: vec![Transform::identity(); general],
+            q: vec![T::zero(); layout.len()],
+            sin: vec![T::zero(); layout.len()],
+            cos: vec![T::one(); layout.len()],
         }
     }
     #[inline(always)]
     pub(crate) fn set_all(&mut self, layout: &Layout<T::Constant>, q: &[T]) {
-        self.run().set(&layout.bodies, 0, q);
+        let mut run = self.run();
+        for (group, bodies) in layout.bodies.chunks(TOGETHER).enumerate() {
+            run.set_all(group * TOGETHER, bodies, q);
+        }
     }
     /// The turn of a body on a hinge.
     #[inline(always)]
@@ -44,7 +54,8 @@ impl<T: Scalar> Shifts<T> {
     /// Those of all bodies, as a run.
     #[inline(always)]
     pub(crate) fn run(&mut self) -> ShiftRun<'_, T> {
-        ShiftRun { shift: &mut self.shift, general: &mut self.general, first_general: 0 }
+        let Shifts { shift, general, q, sin, cos } = self;
+        ShiftRun { shift, general, first_general: 0, q, sin, cos }
     }
 }
 
@@ -53,37 +64,55 @@ pub(crate) struct ShiftRun<'a, T> {
     shift: &'a mut [Shift<T>],
     general: &'a mut [Transform<T>],
     first_general: usize,
+    q: &'a mut [T],
+    sin: &'a mut [T],
+    cos: &'a mut [T],
 }
 
 impl<T: Scalar> ShiftRun<'_, T> {
     /// The same run, lent.
     pub(crate) fn again(&mut self) -> ShiftRun<'_, T> {
-        ShiftRun { shift: self.shift, general: self.general, first_general: self.first_general }
+        let ShiftRun { shift, general, first_general, q, sin, cos } = self;
+        ShiftRun { shift, general, first_general: *first_general, q, sin, cos }
     }
-    /// Sets the shifts of bodies from number `first` on. Called for [`TOGETHER`] of them at a time, they stay in the nearest
-    /// cache until they are used.
+    /// Takes the sines of some bodies' first coordinates, whose shifts are set next.
     #[inline(always)]
-    pub(crate) fn set(&mut self, bodies: &[LayoutBody<T::Constant>], first: usize, q: &[T]) {
-        let shifts = &mut self.shift[first..first + bodies.len()];
-        let (mut x, mut sin, mut cos) = ([T::zero(); TOGETHER], [T::zero(); TOGETHER], [T::zero(); TOGETHER]);
-        for (bodies, shifts) in bodies.chunks(TOGETHER).zip(shifts.chunks_mut(TOGETHER)) {
-            let count = bodies.len();
-            for (x, body) in x.iter_mut().zip(bodies) {
-                *x = q[body.q];
-            }
-            T::sin_cos_all(&x[..count], &mut sin[..count], &mut cos[..count]);
-            for (i, (body, shift)) in bodies.iter().zip(shifts).enumerate() {
-                if let Hinge::Revolute = body.hinge {
-                    shift.turn = body.link.turned_by(Turn { cos: cos[i], sin: sin[i] });
-                    continue;
-                }
-                let general;
-                (*shift, general) = body.link.at(&body.hinge, &q[body.q..]);
-                if let Some(pose) = general {
-                    self.general[body.general - self.first_general] = pose;
-                }
-            }
+    pub(crate) fn begin(&mut self, bodies: &[LayoutBody<T::Constant>], q: &[T]) {
+        let count = bodies.len();
+        for (x, body) in self.q.iter_mut().zip(bodies) {
+            *x = q[body.q];
         }
+        T::sin_cos_all(&self.q[..count], &mut self.sin[..count], &mut self.cos[..count]);
+    }
+    /// Sets the shifts of some bodies, from number `first` on.
+    #[inline(always)]
+    pub(crate) fn set_all(&mut self, first: usize, bodies: &[LayoutBody<T::Constant>], q: &[T]) {
+        self.begin(bodies, q);
+        for (i, body) in bodies.iter().enumerate() {
+            self.set(first + i, i, body, q);
+        }
+    }
+    /// Z(q + θ₁) of a hinge, the `i`th of the bodies that [`ShiftRun::begin`] took.
+    #[inline(always)]
+    pub(crate) fn turned(&self, i: usize, body: &LayoutBody<T::Constant>) -> Turn<T> {
+        body.link.turned_by(Turn { cos: self.cos[i], sin: self.sin[i] })
+    }
+    /// Sets the shift of body number `k`, the `i`th of the bodies that [`ShiftRun::begin`] took.
+    #[inline(always)]
+    pub(crate) fn set(&mut self, k: usize, i: usize, body: &LayoutBody<T::Constant>, q: &[T]) {
+        if let Hinge::Revolute = body.hinge {
+            self.shift[k].turn = self.turned(i, body);
+            return;
+        }
+        let (shift, general) = body.link.at(&body.hinge, &q[body.q..]);
+        self.shift[k] = shift;
+        if let Some(pose) = general {
+            self.general[body.general - self.first_general] = pose;
+        }
+    }
+    #[inline(always)]
+    pub(crate) fn set_turn(&mut self, k: usize, turn: Turn<T>) {
+        self.shift[k].turn = turn;
     }
     /// The shift of body number `k`, its own offset included.
     #[inline(always)]
@@ -104,12 +133,22 @@ impl<T: Scalar> ShiftRun<'_, T> {
     }
     /// Those of a branch's branches.
     pub(crate) fn carve(&mut self, branch: &Branch) -> Vec<ShiftRun<'_, T>> {
-        let runs = &branch.branches;
-        let shifts = carve(self.shift, branch.bodies.start, runs.iter().map(|b| b.bodies.clone()));
-        let general = carve(self.general, branch.general.start, runs.iter().map(|b| b.general.clone()));
-        let each = shifts.into_iter().zip(general).zip(runs);
-        each.map(|((shift, general), b)| ShiftRun { shift, general, first_general: b.general.start })
-            .collect()
+        let ShiftRun { shift, general, q, sin, cos, .. } = self;
+        let (runs, first) = (&branch.branches, branch.bodies.start);
+        let bodies = || runs.iter().map(|b| b.bodies.clone());
+        let mut general =
+            carve(general, branch.general.start, runs.iter().map(|b| b.general.clone())).into_iter();
+        let mut sines = carve(q, first, bodies())
+            .into_iter()
+            .zip(carve(sin, first, bodies()))
+            .zip(carve(cos, first, bodies()));
+        let each = carve(shift, first, bodies()).into_iter().zip(runs);
+        each.map_while(|(shift, b)| {
+            let ((q, sin), cos) = sines.next()?;
+            let (general, first_general) = (general.next()?, b.general.start);
+            Some(ShiftRun { shift, general, first_general, q, sin, cos })
+        })
+        .collect()
     }
 }
 
