@@ -138,10 +138,11 @@ impl<T: Scalar> ShiftRun<'_, T> {
         let bodies = || runs.iter().map(|b| b.bodies.clone());
         let mut general =
             carve(general, branch.general.start, runs.iter().map(|b| b.general.clone())).into_iter();
-        let mut sines = carve(q, first, bodies())
-            .into_iter()
-            .zip(carve(sin, first, bodies()))
-            .zip(carve(cos, first, bodies()));
+        let mut sines = carve(q, first, bodies()).into_iter().zip(carve(sin, first, bodies())).zip(carve(
+            cos,
+            first,
+            bodies(),
+        ));
         let each = carve(shift, first, bodies()).into_iter().zip(runs);
         each.map_while(|(shift, b)| {
             let ((q, sin), cos) = sines.next()?;
