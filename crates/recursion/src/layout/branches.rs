@@ -136,11 +136,11 @@ impl<C: Real> Tree<'_, C> {
 
 /// The parts of `numbers`, which begins at number `first`, that belong to `runs`, in their order. Runs do not overlap and are
 /// in order.
-pub(crate) fn carve<'a, X>(
-    numbers: &'a mut [X],
+pub(crate) fn carve<X>(
+    numbers: &mut [X],
     first: usize,
     runs: impl Iterator<Item = Range<usize>>,
-) -> Vec<&'a mut [X]> {
+) -> Vec<&mut [X]> {
     let (mut rest, mut at) = (numbers, first);
     runs.map(|run| {
         let (_, behind) = core::mem::take(&mut rest).split_at_mut(run.start - at);
