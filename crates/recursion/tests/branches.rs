@@ -24,7 +24,7 @@ fn pools() -> Vec<rayon::ThreadPool> {
 fn bushy(seed: u64) -> Case {
     let mut case = case_within(seed, Limits { degrees_of_freedom: 150, decades: 0.5 });
     // A third with hinges that fail.
-    if seed % 3 == 0 {
+    if seed.is_multiple_of(3) {
         case.model = starved(&mut Random::new(seed), &case.model);
     }
     case
