@@ -5,19 +5,20 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Files of `recursion` that hold no algorithm.
-const SUPPORT: [&str; 12] = [
+const SUPPORT: [&str; 13] = [
     "batch",
     "columns",
     "derivative_columns",
     "error",
     "form",
+    "ground_axes",
     "hinge",
     "kernel",
     "layout",
     "lib",
     "link",
     "packed",
-    "side_by_side",
+    "places",
 ];
 
 fn root() -> PathBuf {

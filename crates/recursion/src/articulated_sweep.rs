@@ -110,6 +110,21 @@ pub(crate) fn revolute_pivot<T: Scalar>(P: &ArticulatedInertia<T>) -> Result<Piv
     Ok(Pivot { gain, inverse })
 }
 
+/// The pivot of a slider along z: U is a column of P.
+#[inline(always)]
+pub(crate) fn prismatic_pivot<T: Scalar>(P: &ArticulatedInertia<T>) -> Result<Pivot<T>, Singular> {
+    let D = P.mass.zz;
+    if !D.is_positive() {
+        return Err((0, D.min_lane()));
+    }
+    let inverse = D.recip();
+    let gain = Wrench::new(
+        P.coupling.column(2).scale(inverse),
+        Vec3([P.mass.xz * inverse, P.mass.yz * inverse, T::one()]),
+    );
+    Ok(Pivot { gain, inverse })
+}
+
 /// Filter step at one joint: ε = T − H z, ν = D⁻¹ ε, z⁺ = z + G ε. `residuals` holds T before and ν after.
 #[inline(always)]
 pub(crate) fn filter<T: Scalar>(
@@ -144,6 +159,16 @@ pub(crate) fn filter_revolute<T: Scalar>(pivot: &Pivot<T>, z: &mut Wrench<T>, T:
     let ([x, y, _], [gx, gy, _]) = (z.moment.0, pivot.gain.moment.0);
     z.moment = Vec3([gx.fma(epsilon, x), gy.fma(epsilon, y), T]);
     z.force = pivot.gain.force.scale_add(epsilon, z.force);
+    epsilon * pivot.inverse
+}
+
+/// The slider along z: ν from T, as [`filter_revolute`].
+#[inline(always)]
+pub(crate) fn filter_prismatic<T: Scalar>(pivot: &Pivot<T>, z: &mut Wrench<T>, T: T) -> T {
+    let epsilon = T - z.force.0[2];
+    let ([x, y, _], [gx, gy, _]) = (z.force.0, pivot.gain.force.0);
+    z.force = Vec3([gx.fma(epsilon, x), gy.fma(epsilon, y), T]);
+    z.moment = pivot.gain.moment.scale_add(epsilon, z.moment);
     epsilon * pivot.inverse
 }
 

@@ -8,8 +8,10 @@
 pub mod kernels;
 
 use crate::error::DynamicsError;
+use core::any::Any;
 use phipsi_spatial::Kernel;
 use phipsi_spatial::lanes::{Fused, Lanes, Level, Visitor, at_level};
+use std::sync::{Mutex, PoisonError};
 
 /// A calculation on one state, generic over the scalar.
 ///
@@ -38,7 +40,7 @@ use phipsi_spatial::lanes::{Fused, Lanes, Level, Visitor, at_level};
 /// ```
 pub trait StateKernel: Sync {
     /// Its scratch.
-    type Workspace<T: Lanes>;
+    type Workspace<T: Lanes>: Send + 'static;
     /// Makes the scratch; once for every run of blocks of states.
     fn workspace<T: Lanes>(&self) -> Self::Workspace<T>;
     /// The calculation: one slice for each input. To be `#[inline(always)]`, as [`Kernel::run`].
@@ -51,6 +53,23 @@ pub trait StateKernel: Sync {
         inputs: &[Vec<T>],
         out: &mut [T],
     ) -> Result<(), DynamicsError>;
+}
+
+/// A kernel lent.
+impl<K: StateKernel> StateKernel for &K {
+    type Workspace<T: Lanes> = K::Workspace<T>;
+    fn workspace<T: Lanes>(&self) -> Self::Workspace<T> {
+        (**self).workspace()
+    }
+    #[inline(always)]
+    fn run<T: Lanes>(
+        &self,
+        workspace: &mut Self::Workspace<T>,
+        inputs: &[Vec<T>],
+        out: &mut [T],
+    ) -> Result<(), DynamicsError> {
+        (**self).run(workspace, inputs, out)
+    }
 }
 
 /// Numbers of an argument, state after state.
@@ -86,6 +105,22 @@ impl<'a> Input<'a> {
             _ => (0..count).find(|state| !has(state)),
         }
     }
+    /// Its numbers for as many states as there are rows, from `first` on; the last of `states` again for those beyond.
+    #[inline(always)]
+    fn rows(&self, first: usize, states: usize, rows: &mut [&'a [f64]]) {
+        let last = states.saturating_sub(1);
+        if self.map.is_empty() && !self.same {
+            let all = self.data.get(first * self.size..(first + states) * self.size).unwrap_or_default();
+            for (lane, row) in rows.iter_mut().enumerate() {
+                let at = lane.min(last) * self.size;
+                *row = all.get(at..at + self.size).unwrap_or_default();
+            }
+            return;
+        }
+        for (lane, row) in rows.iter_mut().enumerate() {
+            *row = self.at(first + lane.min(last)).unwrap_or_default();
+        }
+    }
     /// Its numbers for a state; `None` beyond its end.
     #[inline(always)]
     pub fn at(&self, state: usize) -> Option<&'a [f64]> {
@@ -99,15 +134,11 @@ impl<'a> Input<'a> {
     }
 }
 
-/// Runs a kernel on `count` states. `out`: the results, state after state, of equal size.
-///
-/// # Cost
-/// Threads (feature `parallel`) take blocks of states; allocates a workspace for each run of blocks on a thread.
+/// Runs a kernel on `count` states once; a [`BatchRunner`] does it again and again. Arguments, cost and errors as
+/// [`BatchRunner::run`].
 ///
 /// # Errors
-/// The first state that fails, and how; [`DynamicsError::NotFinite`] if a number of its result is not finite.
-/// [`DynamicsError::Shape`] if an input has fewer states than `count`, or `out` no
-/// whole number of entries a state.
+/// As there.
 pub fn run_batch<K: StateKernel>(
     kernel: &K,
     level: Level,
@@ -115,30 +146,85 @@ pub fn run_batch<K: StateKernel>(
     count: usize,
     out: &mut [f64],
 ) -> Result<(), (usize, DynamicsError)> {
-    if count == 0 {
-        return Ok(());
+    BatchRunner::new(kernel, level).run(inputs, count, out)
+}
+
+/// A kernel with workspaces that it keeps from batch to batch.
+///
+/// # Example
+/// ```
+/// use phipsi_model::{Body, Inertia, Joint, JointKind, ModelBuilder};
+/// use phipsi_recursion::Layout;
+/// use phipsi_recursion::batch::{BatchRunner, Input, kernels};
+/// use phipsi_spatial::lanes::Level;
+///
+/// let rod = Inertia::from_principal(1.0, [0.5, 0.0, 0.0], [0.0, 1.0 / 12.0, 1.0 / 12.0]);
+/// let model = ModelBuilder::new("pendulum")
+///     .body(Body::new("rod", rod))
+///     .joint(Joint::new("hinge", JointKind::Revolute { axis: [0.0, 1.0, 0.0] }), "world", "rod")
+///     .build()?;
+/// let layout = Layout::new(&model);
+/// let runner = BatchRunner::new(kernels::MassMatrix { layout: &layout }, Level::best());
+/// let (q, mut out) = ([0.0, 0.1, 0.2], [0.0; 3]);
+/// for _ in 0..2 {
+///     runner.run(&[Input::each(&q, 1)], 3, &mut out).map_err(|e| e.1)?;
+/// }
+/// assert!((out[2] - 1.0 / 3.0).abs() < 1e-15);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug)]
+pub struct BatchRunner<K> {
+    kernel: K,
+    level: Level,
+    /// Scratches that no thread works with now.
+    idle: Mutex<Vec<Box<dyn Any + Send>>>,
+}
+
+impl<K: StateKernel> BatchRunner<K> {
+    /// For the lanes of a level, or for one state at a time if this processor does not have it.
+    pub fn new(kernel: K, level: Level) -> Self {
+        let level = if level.is_available() { level } else { Level::Scalar };
+        BatchRunner { kernel, level, idle: Mutex::new(Vec::new()) }
     }
-    let size = out.len() / count;
-    let shape = |argument, expected, found| (0, DynamicsError::Shape { argument, expected, found });
-    if size * count != out.len() {
-        return Err(shape("out", size * count, out.len()));
-    }
-    for input in inputs {
-        if let Some(found) = input.shortage(count) {
-            return Err(shape("input", count, found));
+    /// Runs the kernel on `count` states. `out`: the results, state after state, of equal size.
+    ///
+    /// # Cost
+    /// Threads (feature `parallel`) take blocks of states. Allocates a workspace for each run of blocks on a thread the
+    /// first time; later batches take those.
+    ///
+    /// # Errors
+    /// The first state that fails, and how; [`DynamicsError::NotFinite`] if a number of its result is not finite.
+    /// [`DynamicsError::Shape`] if an input has fewer states than `count`, or `out` no whole number of entries a state.
+    pub fn run(
+        &self,
+        inputs: &[Input<'_>],
+        count: usize,
+        out: &mut [f64],
+    ) -> Result<(), (usize, DynamicsError)> {
+        if count == 0 {
+            return Ok(());
+        }
+        let size = out.len() / count;
+        let shape = |argument, expected, found| (0, DynamicsError::Shape { argument, expected, found });
+        if size * count != out.len() {
+            return Err(shape("out", size * count, out.len()));
+        }
+        for input in inputs {
+            if let Some(found) = input.shortage(count) {
+                return Err(shape("input", count, found));
+            }
+        }
+        if size == 0 {
+            return Ok(());
+        }
+        // Narrow batches need no wide registers.
+        let level = if count == 1 { Level::Scalar } else { self.level };
+        let work = Work { kernel: &self.kernel, inputs, count, size };
+        match at_level(level, Blocks { work, idle: &self.idle, out }).flatten() {
+            Some(failed) => Err(failed),
+            None => Ok(()),
         }
     }
-    if size == 0 {
-        return Ok(());
-    }
-    // Narrow batches need no wide registers.
-    let level = if count == 1 { Level::Scalar } else { level };
-    let work = Work { kernel, inputs, count, size };
-    let failed = match at_level(level, Blocks { work, out: &mut *out }) {
-        Some(failed) => failed,
-        None => at_level(Level::Scalar, Blocks { work, out }).flatten(),
-    };
-    failed.map_or(Ok(()), Err)
 }
 
 /// What all blocks share.
@@ -161,8 +247,12 @@ type Failed = Option<(usize, DynamicsError)>;
 /// Numbers of results that a block of states has at least, so that threads are worth their start.
 const BLOCK: usize = 2048;
 
+/// Lanes of the widest level.
+const WIDEST: usize = 8;
+
 struct Blocks<'a, K> {
     work: Work<'a, K>,
+    idle: &'a Mutex<Vec<Box<dyn Any + Send>>>,
     out: &'a mut [f64],
 }
 
@@ -173,12 +263,9 @@ impl<K: StateKernel> Visitor for Blocks<'_, K> {
         let packs = (BLOCK / (T::LANES * size)).clamp(1, 32);
         let states = packs * T::LANES;
         let work = self.work;
-        let scratch = || Scratch {
-            workspace: work.kernel.workspace(),
-            packed: work.inputs.iter().map(|i| vec![T::zero(); i.size]).collect(),
-            results: vec![T::zero(); size],
-        };
-        let block = |scratch: &mut Scratch<T, K>, (index, out): (usize, &mut [f64])| {
+        let scratch = || Taken::<T, K>::take(self.idle, work);
+        let block = |taken: &mut Taken<'_, T, K>, (index, out): (usize, &mut [f64])| {
+            let scratch = taken.scratch.as_mut()?;
             T::dispatch(Block { work, first: index * states, out, scratch })
         };
         #[cfg(feature = "parallel")]
@@ -193,18 +280,52 @@ impl<K: StateKernel> Visitor for Blocks<'_, K> {
 }
 
 /// What one thread works with.
-struct Scratch<T: Lanes, K: StateKernel> {
-    workspace: K::Workspace<T>,
+struct Scratch<T, W> {
+    workspace: W,
     /// The inputs of a pack.
     packed: Vec<Vec<T>>,
     results: Vec<T>,
+}
+
+/// A scratch taken from those that are idle, and given back in the end.
+struct Taken<'a, T: Lanes, K: StateKernel> {
+    idle: &'a Mutex<Vec<Box<dyn Any + Send>>>,
+    scratch: Option<Box<Scratch<T, K::Workspace<T>>>>,
+}
+
+impl<'a, T: Lanes, K: StateKernel> Taken<'a, T, K> {
+    fn take(idle: &'a Mutex<Vec<Box<dyn Any + Send>>>, work: Work<'_, K>) -> Self {
+        let found = {
+            let mut all = idle.lock().unwrap_or_else(PoisonError::into_inner);
+            // Batches of one state have others than wide ones.
+            let at = all.iter().position(|scratch| scratch.is::<Scratch<T, K::Workspace<T>>>());
+            at.map(|at| all.swap_remove(at)).and_then(|scratch| scratch.downcast().ok())
+        };
+        let mut scratch: Box<Scratch<T, K::Workspace<T>>> = found.unwrap_or_else(|| {
+            Box::new(Scratch { workspace: work.kernel.workspace(), packed: Vec::new(), results: Vec::new() })
+        });
+        scratch.packed.resize(work.inputs.len(), Vec::new());
+        for (packed, input) in scratch.packed.iter_mut().zip(work.inputs) {
+            packed.resize(input.size, T::zero());
+        }
+        scratch.results.resize(work.size, T::zero());
+        Taken { idle, scratch: Some(scratch) }
+    }
+}
+
+impl<T: Lanes, K: StateKernel> Drop for Taken<'_, T, K> {
+    fn drop(&mut self) {
+        if let Some(scratch) = self.scratch.take() {
+            self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(scratch);
+        }
+    }
 }
 
 struct Block<'a, T: Lanes, K: StateKernel> {
     work: Work<'a, K>,
     first: usize,
     out: &'a mut [f64],
-    scratch: &'a mut Scratch<T, K>,
+    scratch: &'a mut Scratch<T, K::Workspace<T>>,
 }
 
 impl<T: Lanes, K: StateKernel> Kernel for Block<'_, T, K> {
@@ -217,11 +338,10 @@ impl<T: Lanes, K: StateKernel> Kernel for Block<'_, T, K> {
             let first = self.first + pack * T::LANES;
             let states = out.len() / size;
             for (input, packed) in inputs.iter().zip(packed.iter_mut()) {
-                for lane in 0..T::LANES {
-                    // Checked before: every input has numbers for every state.
-                    let row = input.at(first + lane.min(states - 1)).unwrap_or_default();
-                    T::pack(row, lane, packed);
-                }
+                // Checked before: every input has numbers for every state.
+                let mut rows: [&[f64]; WIDEST] = [&[]; WIDEST];
+                input.rows(first, states, &mut rows[..T::LANES]);
+                T::pack(&rows[..T::LANES], packed);
             }
             if let Err(error) = kernel.run(workspace, packed, results) {
                 return Some(self.work.first_failure(first, states).unwrap_or((first, error)));
@@ -230,9 +350,7 @@ impl<T: Lanes, K: StateKernel> Kernel for Block<'_, T, K> {
                 let error = DynamicsError::NotFinite { index: 0, found: f64::NAN };
                 return Some(self.work.first_failure(first, states).unwrap_or((first, error)));
             }
-            for (lane, row) in out.chunks_exact_mut(size).enumerate() {
-                T::unpack(results, lane, row);
-            }
+            T::unpack(results, out);
         }
         None
     }

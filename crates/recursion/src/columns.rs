@@ -1,65 +1,15 @@
 //! Six-vectors of all degrees of freedom, side by side, that move together through the joints: columns of 6×n operators.
 //!
-//! Columns lie in the order of the layout, so that those outboard of a joint are a range, and the same few numbers of φ(p, k)
-//! act on all of it, in lanes ([`Wide`]). An inward sweep begins columns from the last to the first. Groups of lanes are
-//! counted from the end of a range; what the last group does to columns before the range is forgotten, because these have not
-//! begun yet.
+//! Columns lie at the places of their degrees of freedom ([`crate::places`]), so that those outboard of a joint are a range, and
+//! the same few numbers of φ(p, k) act on all of it, in registers of several columns ([`Wide`]). An inward sweep begins columns
+//! from the last to the first. Registers are counted from the end of a range; what the last one does to columns before the range
+//! is forgotten, because these have not begun yet.
 
-use crate::layout::{Layout, LayoutBody, Passage};
+use crate::layout::{LayoutBody, Passage};
 use crate::link::Shift;
-use core::ops::Range;
+use crate::places::{Places, vector};
 use phipsi_spatial::wide::{WIDEST, Wide};
 use phipsi_spatial::{Mat3, Scalar, Transform, Turn, Vec3, Wrench};
-
-/// Where the columns of every body are.
-#[derive(Clone, Debug)]
-pub(crate) struct Places {
-    /// Place of the first column of every body.
-    first: Vec<usize>,
-    /// One past the last column outboard of it.
-    end: Vec<usize>,
-    /// True if the degrees of freedom of these columns follow each other, also in v.
-    in_order: Vec<bool>,
-    /// Degree of freedom of every place.
-    dof: Vec<usize>,
-    /// Places in all, a multiple of [`WIDEST`]; those before the first column belong to no degree of freedom.
-    pub(crate) count: usize,
-}
-
-impl Places {
-    pub(crate) fn new<C: phipsi_spatial::Real>(layout: &Layout<C>) -> Self {
-        let count = layout.nv().next_multiple_of(WIDEST) + WIDEST;
-        let mut dof = vec![0; count - layout.nv()];
-        let mut first = Vec::with_capacity(layout.len());
-        for body in layout.bodies() {
-            first.push(dof.len());
-            dof.extend(body.v..body.v + body.hinge.nv());
-        }
-        let end: Vec<usize> = first.iter().zip(&layout.outboard_dofs).map(|(p, n)| p + n).collect();
-        let follow = |range: Range<usize>| dof[range].windows(2).all(|pair| pair[0] + 1 == pair[1]);
-        let in_order = first.iter().zip(&end).map(|(p, end)| follow(*p..*end)).collect();
-        Places { first, end, in_order, dof, count }
-    }
-    /// The columns of a body and of all outboard of it.
-    #[inline(always)]
-    pub(crate) fn outboard(&self, k: usize) -> Range<usize> {
-        self.first[k]..self.end[k]
-    }
-    /// True if their degrees of freedom follow each other in v.
-    #[inline(always)]
-    pub(crate) fn in_order(&self, k: usize) -> bool {
-        self.in_order[k]
-    }
-    /// Degrees of freedom of a range of columns.
-    #[inline(always)]
-    pub(crate) fn dofs(&self, range: Range<usize>) -> &[usize] {
-        &self.dof[range]
-    }
-    /// Pairs of a degree of freedom with one that is not inboard of it.
-    pub(crate) fn pairs<C: phipsi_spatial::Real>(&self, layout: &Layout<C>) -> usize {
-        (0..layout.len()).map(|k| (self.end[k] - self.first[k]) * layout.bodies()[k].hinge.nv()).sum()
-    }
-}
 
 /// Six rows of numbers, one place for each column; moment x, y, z, force x, y, z.
 #[derive(Clone, Debug)]
@@ -130,7 +80,7 @@ impl<T: Scalar> Rows<'_, T> {
     }
 }
 
-/// φ(p, k) of one body, in lanes.
+/// φ(p, k) of one body, for several columns at once.
 pub(crate) struct WidePassage<'a, T: Scalar, W> {
     body: &'a LayoutBody<T::Constant>,
     shift: Shift<W>,
@@ -163,18 +113,4 @@ impl<'a, T: Scalar, W: Wide<T>> WidePassage<'a, T, W> {
             None => self.body.link.wrench_to_parent(&self.shift, f),
         }
     }
-    /// R x.
-    #[inline(always)]
-    pub(crate) fn vector_to_parent(&self, x: Vec3<W>) -> Vec3<W> {
-        match &self.general {
-            Some(pose) => pose.rotation * x,
-            None => self.body.link.vector_to_parent(&self.shift, x),
-        }
-    }
-}
-
-/// The same vector in every lane.
-#[inline(always)]
-pub(crate) fn vector<T: Scalar, W: Wide<T>>(v: Vec3<T>) -> Vec3<W> {
-    Vec3([W::broadcast(v.0[0]), W::broadcast(v.0[1]), W::broadcast(v.0[2])])
 }

@@ -8,202 +8,246 @@
 //! | `VELOCITY` | force of a change of velocity |
 //! | `GYROSCOPIC` | −2B* S, the weights with which rows of c see angular changes of velocity inboard: a moment only |
 
-use crate::columns::{WidePassage, vector};
-use crate::hinge::Hinge;
-use crate::inverse_dynamics_derivatives::{AxisRates, DerivativeSweeps};
-use crate::layout::{GROUND, Layout, Shifts};
-use crate::side_by_side::{Places, Rows, scatter};
-use phipsi_spatial::wide::Wide;
-use phipsi_spatial::{Motion, Scalar, Vec3, Wrench};
+use crate::ground_axes::{AXIS, OFFSET, along, linear_axes};
+use crate::inverse_dynamics_derivatives::{
+    COLUMNS, DRIFT, FORCE, POSITION_RATE, PSI, ROWS as ALL, VELOCITY_RATE,
+};
+use crate::layout::{GROUND, Layout, LayoutBody};
+use crate::places::{Group, Places, View, inside, vector};
+use core::marker::PhantomData;
+use core::ops::Range;
+use phipsi_spatial::wide::{WIDEST, Wide};
+use phipsi_spatial::{Kernel, Motion, Scalar, Vec3, Wrench};
 
-const INERTIA: usize = 0;
-const POSITION: usize = 6;
-const VELOCITY: usize = 12;
-const GYROSCOPIC: usize = 18;
-const COUNT: usize = 21;
+const INERTIA: usize = COLUMNS;
+const POSITION: usize = INERTIA + 6;
+const VELOCITY: usize = POSITION + 6;
+const GYROSCOPIC: usize = VELOCITY + 6;
+/// Rows of a column.
+pub(crate) const ROWS: usize = 21;
 
-/// One column.
+/// Columns of a group.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Column<T> {
-    pub(crate) inertia: Wrench<T>,
-    pub(crate) position: Wrench<T>,
-    pub(crate) velocity: Wrench<T>,
-    pub(crate) gyroscopic: Vec3<T>,
+pub(crate) struct Column<W> {
+    pub(crate) inertia: Wrench<W>,
+    pub(crate) position: Wrench<W>,
+    pub(crate) velocity: Wrench<W>,
+    pub(crate) gyroscopic: Vec3<W>,
 }
 
-/// All of them, by components, and the derivatives that they meet in.
+impl<W: Scalar> Column<W> {
+    #[inline(always)]
+    fn get<T: Scalar>(group: &Group<'_, T, ALL>) -> Self
+    where
+        W: Wide<T>,
+    {
+        Column {
+            inertia: group.wrench(INERTIA),
+            position: group.wrench(POSITION),
+            velocity: group.wrench(VELOCITY),
+            gyroscopic: group.vector(GYROSCOPIC),
+        }
+    }
+    #[inline(always)]
+    pub(crate) fn put<T: Scalar>(&self, group: &mut Group<'_, T, ALL>)
+    where
+        W: Wide<T>,
+    {
+        group.set_wrench(INERTIA, self.inertia);
+        group.set_wrench(POSITION, self.position);
+        group.set_wrench(VELOCITY, self.velocity);
+        group.set_vector(GYROSCOPIC, self.gyroscopic);
+    }
+    /// φ(p, k): by d, and by `drift` = −2u to the parent's frame of reference. Forces stay as they are.
+    #[inline(always)]
+    fn shift<T: Scalar>(&self, d: Vec3<W>, drift: Vec3<W>, group: &mut Group<'_, T, ALL>)
+    where
+        W: Wide<T>,
+    {
+        group.set_vector(INERTIA, d.cross_add(self.inertia.force, self.inertia.moment));
+        group.set_vector(POSITION, d.cross_add(self.position.force, self.position.moment));
+        group.set_vector(VELOCITY, d.cross_add(self.velocity.force, self.velocity.moment));
+        group.set_vector(GYROSCOPIC, self.inertia.force.cross_add(drift, self.gyroscopic));
+    }
+}
+
+/// Where columns meet the joints inboard: the derivatives, by places. What is zero for every configuration is never anything
+/// else between calls.
 #[derive(Clone, Debug)]
-pub(crate) struct DerivativeColumns<T> {
-    rows: Vec<T>,
-    /// ∂T/∂q and ∂T/∂v by places. What is zero for every configuration is never anything else between calls.
+pub(crate) struct Meetings<T> {
+    /// ∂T/∂q and ∂T/∂v.
     pub(crate) d_dq: Vec<T>,
     pub(crate) d_dv: Vec<T>,
     /// M, above the diagonal.
     pub(crate) d_da: Vec<T>,
+    linear: Vec<bool>,
 }
 
-impl<T: Scalar> DerivativeColumns<T> {
-    pub(crate) fn new(places: &Places) -> Self {
-        let rows = vec![T::zero(); COUNT * places.stride];
-        DerivativeColumns { rows, d_dq: places.zeros(), d_dv: places.zeros(), d_da: places.zeros() }
+impl<T: Scalar> Meetings<T> {
+    pub(crate) fn new(layout: &Layout<T::Constant>, places: &Places) -> Self {
+        Meetings {
+            d_dq: places.zeros(),
+            d_dv: places.zeros(),
+            d_da: places.zeros(),
+            linear: linear_axes::<T>(layout, places),
+        }
     }
-}
-
-type Columns<'a, T> = Rows<'a, T, COUNT>;
-
-/// Begins a column.
-#[inline(always)]
-fn begin<T: Scalar>(columns: &mut Columns<'_, T>, at: usize, column: &Column<T>) {
-    columns.set_wrench(INERTIA, at, column.inertia);
-    columns.set_wrench(POSITION, at, column.position);
-    columns.set_wrench(VELOCITY, at, column.velocity);
-    columns.set_vector(GYROSCOPIC, at, column.gyroscopic);
-}
-
-/// Component i of H of the wrenches from row `row` on.
-#[inline(always)]
-fn along<T: Scalar, W: Wide<T>>(
-    columns: &Columns<'_, T>,
-    hinge: &Hinge<T::Constant>,
-    i: usize,
-    row: usize,
-    at: usize,
-) -> W {
-    match hinge {
-        Hinge::Revolute => columns.load(row + 2, at),
-        _ => hinge.project(i, &columns.wrench(row, at)),
-    }
-}
-
-/// The columns at `at` and beside it, from `skip` on, as row and column of axis i of a joint see them.
-#[inline(always)]
-fn meet<T: Scalar, W: Wide<T>>(
-    columns: &Columns<'_, T>,
-    hinge: &Hinge<T::Constant>,
-    rates: &AxisRates<T>,
-    at: usize,
-) -> [W; 2] {
-    let inertia = columns.wrench::<W>(INERTIA, at);
-    let gyroscopic = columns.vector::<W>(GYROSCOPIC, at);
-    let position = see(&inertia, gyroscopic, &rates.position, rates.psi);
-    let velocity = if let Hinge::Revolute = hinge {
-        // Γ has no more than two components, s one.
-        let [x, y, _] = rates.velocity.angular.0;
-        let [n, m, _] = inertia.moment.0;
-        n.fma(W::broadcast(x), m.fma(W::broadcast(y), gyroscopic.0[2]))
-    } else {
-        see(&inertia, gyroscopic, &rates.velocity, rates.axis.angular)
-    };
-    [position, velocity]
-}
-
-/// φ(p, k) of columns; `drift` is −2u.
-#[inline(always)]
-fn shift<T: Scalar, W: Wide<T>>(
-    columns: &mut Columns<'_, T>,
-    passage: &WidePassage<'_, T, W>,
-    drift: Vec3<W>,
-    at: usize,
-) {
-    let inertia = passage.wrench_to_parent(columns.wrench::<W>(INERTIA, at));
-    columns.set_wrench(INERTIA, at, inertia);
-    let turned = passage.vector_to_parent(columns.vector::<W>(GYROSCOPIC, at));
-    columns.set_vector(GYROSCOPIC, at, inertia.force.cross_add(drift, turned));
-    let position = passage.wrench_to_parent(columns.wrench::<W>(POSITION, at));
-    columns.set_wrench(POSITION, at, position);
-    let velocity = passage.wrench_to_parent(columns.wrench::<W>(VELOCITY, at));
-    columns.set_wrench(VELOCITY, at, velocity);
-}
-
-/// A change Ψ or Γ inboard and its angular part ψ or s, as the rows of the columns see it.
-#[inline(always)]
-fn see<T: Scalar, W: Wide<T>>(f: &Wrench<W>, gyroscopic: Vec3<W>, change: &Motion<T>, angular: Vec3<T>) -> W {
-    let (n, f, g) = (f.moment.0, f.force.0, gyroscopic.0);
-    let ([a, b, c], [d, e, h], [x, y, z]) = (change.angular.0, change.linear.0, angular.0);
-    let first = n[0].fma(W::broadcast(a), n[1].fma(W::broadcast(b), n[2] * W::broadcast(c)));
-    let second = f[0].fma(W::broadcast(d), f[1].fma(W::broadcast(e), f[2] * W::broadcast(h)));
-    let third = g[0].fma(W::broadcast(x), g[1].fma(W::broadcast(y), g[2] * W::broadcast(z)));
-    first + second + third
-}
-
-impl<T: Scalar> DerivativeSweeps<T> {
-    /// Composites and columns, from the tips to the base; every body meets the columns of all joints outboard of it. With
-    /// `TURNING`, v̇ is the derivative of v, and M comes, too; without, v̇ + c is the number that stays while v changes.
+    /// True if an axis at one of `count` places may have a linear part.
     #[inline(always)]
-    pub(crate) fn inboard<const TURNING: bool, W: Wide<T>>(
-        &mut self,
-        layout: &Layout<T::Constant>,
-        shifts: &Shifts<T>,
-        v: &[T],
-    ) {
-        let DerivativeSweeps { places, moving, composite: composites, columns: all, .. } = self;
-        let s = places.stride;
-        let DerivativeColumns { rows, d_dq, d_dv, d_da } = all;
-        let mut columns = Columns::new(rows, s);
+    pub(crate) fn is_linear(&self, at: usize, count: usize) -> bool {
+        self.linear[at..at + count].iter().any(|x| *x)
+    }
+}
+
+/// A degree of freedom, as columns from outboard see it.
+struct Joint<T> {
+    axis: Motion<T>,
+    psi: Vec3<T>,
+    position: Motion<T>,
+    velocity: Motion<T>,
+    linear: bool,
+}
+
+impl<T: Scalar> Joint<T> {
+    #[inline(always)]
+    fn get(here: &Group<'_, T, ALL>, linear: bool) -> Self {
+        Joint {
+            axis: here.motion(AXIS),
+            psi: here.vector(PSI),
+            position: here.motion(POSITION_RATE),
+            velocity: here.motion(VELOCITY_RATE),
+            linear,
+        }
+    }
+    /// S* f.
+    #[inline(always)]
+    fn along<W: Wide<T>>(&self, f: &Wrench<W>) -> W {
+        along(&self.axis, self.linear, f)
+    }
+    /// Ψ* R S + ψ* g.
+    #[inline(always)]
+    fn position<W: Wide<T>>(&self, column: &Column<W>) -> W {
+        let moment = dot_add(self.psi, column.gyroscopic, dot(self.position.angular, column.inertia.moment));
+        moment + dot(self.position.linear, column.inertia.force)
+    }
+    /// Γ* R S + s* g.
+    #[inline(always)]
+    fn velocity<W: Wide<T>>(&self, column: &Column<W>) -> W {
+        let moment =
+            dot(self.velocity.angular, column.inertia.moment) + dot(self.axis.angular, column.gyroscopic);
+        if self.linear { dot_add(self.velocity.linear, column.inertia.force, moment) } else { moment }
+    }
+}
+
+#[inline(always)]
+fn dot<T: Scalar, W: Wide<T>>(a: Vec3<T>, b: Vec3<W>) -> W {
+    let ([x, y, z], [u, v, w]) = (a.0, b.0);
+    u.fma(W::broadcast(x), v.fma(W::broadcast(y), w * W::broadcast(z)))
+}
+
+#[inline(always)]
+fn dot_add<T: Scalar, W: Wide<T>>(a: Vec3<T>, b: Vec3<W>, c: W) -> W {
+    let ([x, y, z], [u, v, w]) = (a.0, b.0);
+    u.fma(W::broadcast(x), v.fma(W::broadcast(y), w.fma(W::broadcast(z), c)))
+}
+
+/// Columns from the tips to the base: every joint meets those of all joints outboard of it. A kernel of its own, for smaller
+/// functions keep more in registers.
+pub(crate) struct Meet<'a, T: Scalar, W, const TURNING: bool> {
+    pub(crate) layout: &'a Layout<T::Constant>,
+    pub(crate) places: &'a Places,
+    pub(crate) view: View<'a, T, ALL>,
+    pub(crate) meetings: &'a mut Meetings<T>,
+    pub(crate) register: PhantomData<W>,
+}
+
+impl<T: Scalar, W: Wide<T>, const TURNING: bool> Kernel for Meet<'_, T, W, TURNING> {
+    type Output = ();
+    #[inline(always)]
+    fn run(self) {
+        let Meet { layout, places, mut view, meetings, .. } = self;
         for (k, body) in layout.bodies().iter().enumerate().rev() {
-            let (moving, composite) = (&moving[k], composites[k]);
-            let (first, end) = (places.first[k], places.end[k]);
-            let count = body.hinge.nv();
-            let inner = first + count;
-            for i in 0..count {
-                let (rates, column) = if let Hinge::Revolute = body.hinge {
-                    composite.revolute(moving)
-                } else {
-                    composite.general::<TURNING>(body, i, moving, &v[body.v..])
-                };
-                let here = first + i;
-                begin(&mut columns, here, &column);
-                let mut at = end;
-                while at > inner {
-                    at -= W::COUNT;
-                    let row = here * s..(here + 1) * s;
-                    along::<T, W>(&columns, &body.hinge, i, POSITION, at).store(&mut d_dq[row.clone()][at..]);
-                    along::<T, W>(&columns, &body.hinge, i, VELOCITY, at).store(&mut d_dv[row.clone()][at..]);
-                    if TURNING {
-                        along::<T, W>(&columns, &body.hinge, i, INERTIA, at).store(&mut d_da[row][at..]);
-                    }
-                    let skip = inner.saturating_sub(at);
-                    let [position, velocity] = meet::<T, W>(&columns, &body.hinge, &rates, at);
-                    scatter(position, d_dq, s, (at, here), skip);
-                    scatter(velocity, d_dv, s, (at, here), skip);
-                }
-                if W::COUNT > 1 {
-                    // The last group has written more than there is.
-                    let before = here * s + first - W::COUNT;
-                    W::zero().store(&mut d_dq[before..]);
-                    W::zero().store(&mut d_dv[before..]);
-                }
+            if body.hinge.nv() == 1 {
+                meet::<T, W, TURNING, false>(places, &mut view, meetings, k, body);
+            } else {
+                meet::<T, W, TURNING, true>(places, &mut view, meetings, k, body);
             }
-            for i in 0..count {
-                for c in first..inner {
-                    let row = (first + i) * s + c;
-                    d_dq[row] = along::<T, T>(&columns, &body.hinge, i, POSITION, c);
-                    d_dv[row] = along::<T, T>(&columns, &body.hinge, i, VELOCITY, c);
-                    if TURNING {
-                        d_da[row] = along::<T, T>(&columns, &body.hinge, i, INERTIA, c);
-                    }
-                }
+        }
+    }
+}
+
+/// A joint, of more than one degree of freedom if `MANY`, and the columns outboard of it.
+#[inline(always)]
+fn meet<T: Scalar, W: Wide<T>, const TURNING: bool, const MANY: bool>(
+    places: &Places,
+    view: &mut View<'_, T, ALL>,
+    meetings: &mut Meetings<T>,
+    k: usize,
+    body: &LayoutBody<T::Constant>,
+) {
+    let Meetings { d_dq, d_dv, d_da, linear } = meetings;
+    let (s, first, end) = (places.stride, places.first[k], places.end[k]);
+    let (count, linear) = (if MANY { body.hinge.nv() } else { 1 }, linear[first]);
+    let inner = first + count;
+    let here = view.at(first);
+    let (d, drift) = (here.vector::<T>(OFFSET), here.vector::<T>(DRIFT));
+    let force = here.wrench::<T>(FORCE);
+    let mut joint = Joint::get(&here, linear);
+    let mut at = Places::group(first, W::COUNT);
+    while at < end {
+        let column: Column<W> = Column::get(&view.at(at));
+        let (from, to) = (first.saturating_sub(at), (end - at).min(W::COUNT));
+        let own = inner.saturating_sub(at).min(W::COUNT);
+        for i in 0..count {
+            if MANY {
+                joint = Joint::get(&view.at(first + i), linear);
             }
-            if body.parent == GROUND {
+            let row = (first + i) * s + at..(first + i) * s + at + W::COUNT;
+            let mut position = joint.along(&column.position);
+            if MANY && own > 0 {
+                // Axes of the same joint do not turn each other's force.
+                let axes = view.at(at).motion::<W>(AXIS);
+                let f = Wrench::new(vector(force.moment), vector(force.force));
+                position -= joint.along(&axes.cross_wrench(f)).between(from, own);
+            }
+            position.between(from, to).store(&mut d_dq[row.clone()]);
+            joint.along(&column.velocity).between(from, to).store(&mut d_dv[row.clone()]);
+            if TURNING {
+                joint.along(&column.inertia).between(from, to).store(&mut d_da[row]);
+            }
+            if own >= to {
                 continue;
             }
-            for i in 0..count {
-                // The force itself turns and moves with the axis, as the parent sees it.
-                let turned = body.hinge.axis(i).cross_wrench(composite.force);
-                let mut position = columns.wrench::<T>(POSITION, first + i);
-                position += turned;
-                columns.set_wrench(POSITION, first + i, position);
-            }
-            let passage = shifts.at(k, body);
-            let wide = WidePassage::<T, W>::new(body, shifts.at(k, body));
-            let drift = vector::<T, W>(moving.drift);
-            let mut at = end;
-            while at > first {
-                at -= W::COUNT;
-                shift(&mut columns, &wide, drift, at);
-            }
-            let moved = composite.shifted(&passage, moving.drift);
-            composites[body.parent].add(&moved);
+            // Rows of the columns' own joints, which the sweep has passed.
+            let place = (at * s + first + i, s);
+            scatter(joint.position(&column), d_dq, place, own..to);
+            scatter(joint.velocity(&column), d_dv, place, own..to);
         }
+        if body.parent != GROUND {
+            // Columns beside those of the range stay where they are.
+            let d = inside(vector::<T, W>(d), from, to);
+            column.shift(d, inside(vector::<T, W>(drift), from, to), &mut view.at(at));
+        }
+        at += W::COUNT;
+    }
+}
+
+/// Some numbers of `x`, number l to row `first` + l of a matrix, in one column: `first` and the column are those of the first
+/// index, the second is the distance of rows.
+#[inline(always)]
+fn scatter<T: Scalar, W: Wide<T>>(
+    x: W,
+    matrix: &mut [T],
+    (first, stride): (usize, usize),
+    some: Range<usize>,
+) {
+    if W::COUNT == 1 {
+        return x.store(&mut matrix[first..]);
+    }
+    let mut numbers = [T::zero(); WIDEST];
+    x.store(&mut numbers);
+    let rows = matrix[first + some.start * stride..].chunks_mut(stride);
+    for (row, x) in rows.zip(&numbers[some]) {
+        row[0] = *x;
     }
 }

@@ -10,20 +10,20 @@
 //! | b | (ω × J ω, ω × (ω × h)) − w, gyroscopic force less the external wrench | soa.md 3.0 |
 //! | α, α⁺ | acceleration of the body, and of its inboard side φ*α(p); α(ground) = (0, −g) | paper 1 (9.12)–(9.14) |
 
-use crate::articulated_sweep::{
-    Pivot, eliminate, filter, filter_revolute, revolute_pivot, smooth, smooth_revolute,
-};
+use crate::articulated_sweep::{Pivot, eliminate, filter, smooth, smooth_revolute};
 use crate::branching::{Given, recur};
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
 use crate::kinematics::{relative, relative_revolute};
-use crate::layout::{GROUND, Layout, Shifts, TOGETHER};
+use crate::layout::{GROUND, Layout, Shifts, TOGETHER, each_kind};
+use crate::link::each_shape;
 use crate::packed::Packed;
 use core::ops::Range;
 use num_traits::Zero;
-use phipsi_spatial::{ArticulatedInertia, Motion, RigidInertia, Scalar, SixLanes, Vec3, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Motion, Scalar, SixLanes, Vec3, Wrench};
 
 mod info;
+mod inward;
 mod run;
 
 pub use info::{ForwardInfo, WorstHinge, forward_info};
@@ -180,97 +180,34 @@ impl<T: Scalar> Run<'_, T> {
                     }
                 };
                 if let Hinge::Revolute = body.hinge {
-                    let turn = self.shifts.turned(i - start, body);
-                    let rate = v[body.v];
+                    let (turn, rate) = (self.shifts.turned(i - start, body, q), v[body.v]);
                     self.shifts.set_turn(i, turn);
                     if body.parent == GROUND {
                         previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);
                         moving[i] = Moving { omega: previous, coriolis: Motion::zero() };
                         continue;
                     }
-                    let (carried, centripetal) = body.link.carried(&body.link.hinged(turn), inboard);
+                    let shift = body.link.hinged(turn);
+                    let (carried, centripetal) = each_shape!(body.link, |link| link.carried(&shift, inboard));
                     let (omega, coriolis) = relative_revolute(carried, centripetal, rate);
                     moving[i] = Moving { omega, coriolis };
                     previous = omega;
                     continue;
                 }
-                self.shifts.set(i, i - start, body, q);
-                let joint = body.hinge.expand(&v[body.v..]);
-                let (omega, coriolis) = if body.parent == GROUND {
-                    (joint.angular, Motion::zero())
-                } else {
-                    let (carried, centripetal) = self.shifts.at(i, body).carried(inboard);
-                    relative(&body.hinge, carried, centripetal, joint)
-                };
+                let (omega, coriolis) = each_kind!(body, |known| {
+                    self.shifts.set(i, i - start, known, q);
+                    let joint = known.hinge.expand(&v[known.v..]);
+                    if known.parent == GROUND {
+                        (joint.angular, Motion::zero())
+                    } else {
+                        let (carried, centripetal) = self.shifts.at(i, known).carried(inboard);
+                        relative(&known.hinge, carried, centripetal, joint)
+                    }
+                });
                 moving[i] = Moving { omega, coriolis };
                 previous = omega;
             }
         }
-    }
-
-    /// Kalman filter: `residuals` holds T before and ν after.
-    #[inline(always)]
-    fn sweep_inboard(&mut self, numbers: Range<usize>) -> Result<(), DynamicsError> {
-        let Call { layout, loads, .. } = self.call;
-        let (first, end) = (self.first, numbers.end);
-        let bodies = &layout.bodies[first..first + end];
-        let moving = &self.moving[..end];
-        let (pivots, residuals, first_v) = (&mut *self.pivots, &mut *self.residuals, self.first_v);
-        let mut hand = self.given.hand;
-        for i in numbers.rev() {
-            let (k, body) = (first + i, &bodies[i]);
-            let v = body.v - first_v;
-            let Moving { omega, coriolis } = moving[i];
-            let M = RigidInertia::constant(&body.inertia);
-            let mut z = M.gyroscopic(omega);
-            if let Some(loads) = loads {
-                z += loads[k];
-            }
-            if body.children > 1 {
-                self.given.pending.gather(body, &mut hand, |sum, x| {
-                    sum.0 = sum.0 + x.0;
-                    sum.1 += x.1;
-                });
-            }
-            // A tip starts with nothing in hand.
-            z += hand.1;
-            let P = hand.0.plus_rigid(&M);
-            hand = (ArticulatedInertia::zero(), Wrench::zero());
-            if let Hinge::Revolute = body.hinge {
-                let pivot = match revolute_pivot(&P) {
-                    Ok(pivot) => pivot,
-                    Err((component, D)) => return Err(layout.singular(body.v + component, D)),
-                };
-                pivots[v] = pivot;
-                if body.parent == GROUND {
-                    residuals[v] = filter_revolute(&pivot, &mut z, residuals[v]);
-                    continue;
-                }
-                z += revolute_coriolis_force(&P, coriolis);
-                residuals[v] = filter_revolute(&pivot, &mut z, residuals[v]);
-                let turn = self.shifts.turn(i);
-                let moved = (
-                    body.link.eliminated_to_parent(turn, &P, &pivot.gain),
-                    body.link.wrench_to_parent(&body.link.hinged(turn), z),
-                );
-                self.given.pending.give(k, body, &mut hand, moved);
-                continue;
-            }
-            if body.parent != GROUND {
-                z += P.times(coriolis);
-            }
-            let dofs = v..v + body.hinge.nv();
-            let pivots = &mut pivots[dofs.clone()];
-            let passage = self.shifts.at(i, body);
-            let moved = eliminate(body, passage, P, pivots)
-                .map_err(|(component, D)| layout.singular(body.v + component, D))?;
-            filter(&body.hinge, pivots, &mut z, &mut residuals[dofs]);
-            if body.parent != GROUND {
-                self.given.pending.give(k, body, &mut hand, (moved, passage.wrench_to_parent(z)));
-            }
-        }
-        self.given.hand = hand;
-        Ok(())
     }
 
     /// [`Self::sweep_inboard`] with the six-vectors of the state in lanes.
@@ -372,15 +309,18 @@ impl<T: Scalar> Run<'_, T> {
             let mut alpha;
             if let Hinge::Revolute = body.hinge {
                 let shift = body.link.hinged(self.shifts.turn(i));
-                alpha = body.link.motion_to_child(&shift, inboard);
+                alpha = each_shape!(body.link, |link| link.motion_to_child(&shift, inboard));
                 residuals[at] = smooth_revolute(&pivots[at], &mut alpha, residuals[at]);
             } else {
-                let dofs = at..at + body.hinge.nv();
-                alpha = self.shifts.at(i, body).motion_to_child(inboard);
-                smooth(&body.hinge, &pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
-                if turning {
-                    body.hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
-                }
+                alpha = each_kind!(body, |known| {
+                    let dofs = at..at + known.hinge.nv();
+                    let mut alpha = self.shifts.at(i, known).motion_to_child(inboard);
+                    smooth(&known.hinge, &pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
+                    if turning {
+                        known.hinge.subtract_turning(&v[known.v..], &mut residuals[dofs]);
+                    }
+                    alpha
+                });
             }
             alpha += moving[i].coriolis;
             if body.children > 1 {
@@ -389,17 +329,6 @@ impl<T: Scalar> Run<'_, T> {
             previous = alpha;
         }
     }
-}
-
-/// P a, where a hinge about z has no a along it.
-#[inline(always)]
-fn revolute_coriolis_force<T: Scalar>(P: &ArticulatedInertia<T>, a: Motion<T>) -> Wrench<T> {
-    let (J, C) = (&P.inertia, &P.coupling);
-    let [x, y, _] = a.angular.0;
-    let (cx, cy) = (C.row(0), C.row(1));
-    let angular = Vec3([J.xx.fma(x, J.xy * y), J.xy.fma(x, J.yy * y), J.xz.fma(x, J.yz * y)]);
-    let across = Vec3([cx.dot(a.linear), cy.dot(a.linear), C.row(2).dot(a.linear)]);
-    Wrench::new(angular + across, cx.scale_add(x, cy.scale_add(y, P.mass * a.linear)))
 }
 
 /// [`ForwardDynamics::run`] for a single call.

@@ -28,10 +28,11 @@ pub struct ForwardDynamicsDerivatives<T: Scalar> {
 impl<T: Scalar> ForwardDynamicsDerivatives<T> {
     /// A workspace for a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
+        let sweeps = DerivativeSweeps::new(layout);
         ForwardDynamicsDerivatives {
             forward: ForwardDynamics::new(layout),
-            sweeps: DerivativeSweeps::new(layout),
-            innovations: Innovations::new(layout),
+            innovations: Innovations::new(layout, &sweeps.places),
+            sweeps,
             acceleration: vec![T::zero(); layout.nv()],
         }
     }
@@ -102,9 +103,9 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Derive<'_, T> {
             layout,
             v,
         } = self;
-        sweeps.outboard::<false>(layout, &forward.shifts, v, T::arithmetic(acceleration));
-        sweeps.inboard::<false, W>(layout, &forward.shifts, v);
-        innovations.update::<W>(layout, &forward.pivots, &forward.shifts);
+        sweeps.run::<false, W>(layout, &forward.shifts, v, T::arithmetic(acceleration));
+        let DerivativeSweeps { places, table, .. } = sweeps;
+        innovations.update::<W, _>(layout, places, &forward.pivots, &mut table.view());
     }
 }
 
@@ -121,9 +122,9 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Solve<'_, T> {
     #[inline(always)]
     fn run<W: Wide<T::Arithmetic>>(self) {
         let Solve { work, layout, v, out: [d_dq, d_dv, d_dtau] } = self;
-        let columns = &work.sweeps.columns;
-        work.innovations.negative_solve::<W>([&columns.d_dq, &columns.d_dv], [d_dq, d_dv]);
-        work.innovations.inverse_mass_matrix::<W>(d_dtau);
+        let DerivativeSweeps { places, meetings, .. } = &work.sweeps;
+        work.innovations.negative_solve::<W>(places, [&meetings.d_dq, &meetings.d_dv], [d_dq, d_dv]);
+        work.innovations.inverse_mass_matrix::<W>(places, d_dtau);
         subtract_turning_rates(layout, v, d_dv);
         let acceleration = T::arithmetic_mut(&mut work.acceleration);
         for body in layout.bodies() {

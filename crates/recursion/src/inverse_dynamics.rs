@@ -122,9 +122,10 @@ impl<T: Scalar> Run<'_, T> {
         while next < end {
             let start = next;
             next = end.min(start + TOGETHER);
-            self.shifts.set_all(start, &bodies[start..next], q);
+            self.shifts.begin(&bodies[start..next], q);
             for i in start..next {
                 let (k, body) = (first + i, &bodies[i]);
+                self.shifts.set(i, i - start, body, q);
                 let passage = self.shifts.at(i, body);
                 let joint = body.hinge.expand(&v[body.v..]);
                 let inboard = match body.parent {

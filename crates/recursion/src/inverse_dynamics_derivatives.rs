@@ -1,9 +1,9 @@
-//! Derivatives of inverse dynamics by q, v and v̇, in body-fixed frames.
+//! Derivatives of inverse dynamics by q, v and v̇.
 //!
 //! | symbol | meaning | shape | source |
 //! |---|---|---|---|
 //! | S = (s, b) | one axis of a joint, a column of H* | 6 | paper 2 (2.3) |
-//! | ω_λ, α_λ | what the parent's motion is at the child's place, child axes | 3, 6 | |
+//! | ω_λ, α_λ | what the parent's motion is at the child's place | 3, 6 | |
 //! | δv, u | speed of the child's origin against the parent's frame, and against its origin | 3 | |
 //! | ψ | ω_λ × s: angular change of the velocities outboard when S moves and v stays | 3 | Ψ̇ of Singh, Russo, Wensing 2022 |
 //! | Ψ | (α̇_λ×s + ω_λ×ψ, a_λ×s − 2δv×ψ + α̇_λ×b + ω_λ×(ω_λ×b)) | 6 | Ψ̈ there |
@@ -16,49 +16,61 @@
 //! joint's force, in its own axes; a change of speed along S gives R(m) Γ − 2B(m) s. −2B(m) sees only angular changes, so it is
 //! a 6×3 matrix of nine numbers N and the linear momentum l.
 //!
-//! Velocities are those against the body's own origin: in that frame of reference, which is as good as any other, the body's
-//! linear velocity is zero. Moving to the parent changes the frame of reference by u, and −2B by the composite's mass and first
-//! moment times u. So no speed against the world enters, as in [`crate::kinematics`].
+//! All vectors are in the axes of the ground, each body's about its own origin ([`crate::ground_axes`]). Velocities are those
+//! against the body's own origin: in that frame of reference, which is as good as any other, the body's linear velocity is
+//! zero. Moving to the parent changes the frame of reference by u, and −2B by the composite's mass and first moment times u. So
+//! no speed against the world enters, as in [`crate::kinematics`].
 
-use crate::derivative_columns::{Column, DerivativeColumns};
+use crate::derivative_columns::{Meet, Meetings};
 use crate::error::{DynamicsError, check_length};
-use crate::hinge::Hinge;
-use crate::layout::{GROUND, Layout, LayoutBody, Passage, Shifts};
-use crate::side_by_side::Places;
+use crate::ground_axes::{self, AXIS, COMPOSITE, Directions, OFFSET, each_own_inertia, set_body, spread};
+use crate::hinge::{Hinge, combine};
+use crate::layout::{GROUND, Layout, Shifts};
+use crate::places::{Group, Places, Table, View};
+use core::marker::PhantomData;
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Sym3, Vec3, Wrench};
 
-/// What one degree of freedom brings to the entries of its column.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct AxisRates<T> {
-    /// S.
-    pub(crate) axis: Motion<T>,
-    /// ψ.
-    pub(crate) psi: Vec3<T>,
-    /// Ψ.
-    pub(crate) position: Motion<T>,
-    /// Γ.
-    pub(crate) velocity: Motion<T>,
-}
+// Rows of the table after those of `ground_axes`.
+/// −2u.
+pub(crate) const DRIFT: usize = ground_axes::ROWS;
+/// ω_λ.
+const CARRIED_OMEGA: usize = DRIFT + 3;
+/// α_λ.
+const CARRIED_ALPHA: usize = CARRIED_OMEGA + 3;
+/// ω.
+const OMEGA: usize = CARRIED_ALPHA + 6;
+/// δv.
+const SPEED: usize = OMEGA + 3;
+/// α.
+const ALPHA: usize = SPEED + 3;
+/// −2N of the composite.
+const MOMENT: usize = ALPHA + 6;
+/// −2l.
+const MOMENTUM: usize = MOMENT + 9;
+/// f.
+pub(crate) const FORCE: usize = MOMENTUM + 3;
+/// ψ.
+pub(crate) const PSI: usize = FORCE + 6;
+/// Ψ.
+pub(crate) const POSITION_RATE: usize = PSI + 3;
+/// Γ.
+pub(crate) const VELOCITY_RATE: usize = POSITION_RATE + 6;
+/// The columns of [`crate::derivative_columns`].
+pub(crate) const COLUMNS: usize = VELOCITY_RATE + 6;
+pub(crate) const ROWS: usize = COLUMNS + crate::derivative_columns::ROWS;
 
-/// Motion of one body: what the inward sweep needs of it.
+/// Motion of a body, as its children need it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Moving<T> {
-    /// ω.
+struct Inboard<T> {
+    axes: Directions<T>,
     omega: Vec3<T>,
-    /// α.
     alpha: Motion<T>,
-    /// ω_λ.
-    carried_omega: Vec3<T>,
-    /// α_λ.
-    carried_alpha: Motion<T>,
-    /// −2u, parent's axes.
-    pub(crate) drift: Vec3<T>,
 }
 
 /// Sums over a body and all outboard of it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Composite<T> {
+struct Composite<T> {
     /// R.
     inertia: RigidInertia<T>,
     /// −2N.
@@ -66,7 +78,7 @@ pub(crate) struct Composite<T> {
     /// −2l.
     momentum: Vec3<T>,
     /// f.
-    pub(crate) force: Wrench<T>,
+    force: Wrench<T>,
 }
 
 /// Workspace of the derivatives of inverse dynamics.
@@ -119,7 +131,7 @@ impl<T: Scalar> InverseDynamicsDerivatives<T> {
         check_length("d_dq", d_dq, nv * nv)?;
         check_length("d_dv", d_dv, nv * nv)?;
         check_length("d_da", d_da, nv * nv)?;
-        check_length("workspace", &self.sweeps.moving, layout.len())?;
+        check_length("workspace", &self.sweeps.places.first, layout.len())?;
         if let Some(wrenches) = wrenches {
             check_length("wrenches", wrenches, layout.model_bodies())?;
         }
@@ -149,23 +161,21 @@ impl<T: Scalar> WideKernel<T> for Derive<'_, T> {
     fn run<W: Wide<T>>(self) {
         let Derive { shifts, sweeps, layout, q, v, a, out: [d_dq, d_dv, d_da] } = self;
         shifts.set_all(layout, q);
-        sweeps.outboard::<true>(layout, shifts, v, a);
-        sweeps.inboard::<true, W>(layout, shifts, v);
-        let (places, columns) = (&sweeps.places, &sweeps.columns);
-        places.write_all::<T, W>(&columns.d_dq, d_dq);
-        places.write_all::<T, W>(&columns.d_dv, d_dv);
-        places.write_all::<T, W>(&columns.d_da, d_da);
-        places.mirror(d_da);
+        sweeps.run::<true, W>(layout, shifts, v, a);
+        let (places, derivatives) = (&sweeps.places, &sweeps.meetings);
+        places.write_all::<T, W>(&derivatives.d_dq, d_dq);
+        places.write_all::<T, W>(&derivatives.d_dv, d_dv);
+        places.write_all::<T, W>(&derivatives.d_da, d_da);
+        places.mirror::<T, W>(d_da);
     }
 }
 
-/// The two sweeps and what they need.
+/// The sweeps and what they need.
 #[derive(Clone, Debug)]
 pub(crate) struct DerivativeSweeps<T> {
     pub(crate) places: Places,
-    pub(crate) moving: Vec<Moving<T>>,
-    pub(crate) composite: Vec<Composite<T>>,
-    pub(crate) columns: DerivativeColumns<T>,
+    pub(crate) table: Table<T, ROWS>,
+    pub(crate) meetings: Meetings<T>,
     /// Minus the external wrenches, where there are any.
     loads: Vec<Wrench<T>>,
     loaded: bool,
@@ -173,74 +183,13 @@ pub(crate) struct DerivativeSweeps<T> {
 
 impl<T: Scalar> DerivativeSweeps<T> {
     pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
-        let zero = Vec3::zero();
-        let moving = Moving {
-            omega: zero,
-            alpha: Motion::zero(),
-            carried_omega: zero,
-            carried_alpha: Motion::zero(),
-            drift: zero,
-        };
-        let composite = Composite {
-            inertia: RigidInertia::zero(),
-            moment: Mat3::zero(),
-            momentum: zero,
-            force: Wrench::zero(),
-        };
         let places = Places::new::<T>(layout);
         DerivativeSweeps {
-            columns: DerivativeColumns::new(&places),
+            table: ground_axes::table(&places),
+            meetings: Meetings::new(layout, &places),
             places,
-            moving: vec![moving; layout.len()],
-            composite: vec![composite; layout.len()],
             loads: vec![Wrench::zero(); layout.len()],
             loaded: false,
-        }
-    }
-    /// Motions, and each body's own part of the composites. With `TURNING`, `a` is v̇; without, v̇ + c.
-    #[inline(always)]
-    pub(crate) fn outboard<const TURNING: bool>(
-        &mut self,
-        layout: &Layout<T::Constant>,
-        shifts: &Shifts<T>,
-        v: &[T],
-        a: &[T],
-    ) {
-        let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity()));
-        for (k, body) in layout.bodies().iter().enumerate() {
-            let passage = shifts.at(k, body);
-            let joint = body.hinge.expand(&v[body.v..]);
-            let (inboard, alpha) = match body.parent {
-                GROUND => (Vec3::zero(), ground),
-                p => (self.moving[p].omega, self.moving[p].alpha),
-            };
-            let mut carried_alpha = passage.motion_to_child(alpha);
-            let mut around = Vec3::zero();
-            let mut carried_omega = Vec3::zero();
-            if body.parent != GROUND {
-                let centripetal;
-                (carried_omega, centripetal) = passage.carried(inboard);
-                carried_alpha.linear += centripetal;
-                around = inboard.cross(passage.translation());
-            }
-            let omega = carried_omega + joint.angular;
-            let mut own = body.hinge.expand(&a[body.v..]);
-            if TURNING {
-                own += body.hinge.turning(&v[body.v..]);
-            }
-            let mut alpha = carried_alpha + own;
-            alpha.angular += carried_omega.cross(joint.angular);
-            if !matches!(body.hinge, Hinge::Revolute) {
-                alpha.linear += (carried_omega + carried_omega).cross(joint.linear);
-                around += passage.vector_to_parent(joint.linear);
-            }
-            let drift = around.scale(-T::splat(2.0));
-            self.moving[k] = Moving { omega, alpha, carried_omega, carried_alpha, drift };
-            let mut composite = Composite::of_body(&RigidInertia::constant(&body.inertia), omega, alpha);
-            if self.loaded {
-                composite.force += self.loads[k];
-            }
-            self.composite[k] = composite;
         }
     }
     /// Takes the external wrenches.
@@ -254,32 +203,171 @@ impl<T: Scalar> DerivativeSweeps<T> {
             layout.gather_loads(wrenches, &mut self.loads);
         }
     }
+    /// The derivatives. With `TURNING`, `a` is v̇, and M comes, too; without, `a` is v̇ + c, which stays while v changes.
+    #[inline(always)]
+    pub(crate) fn run<const TURNING: bool, W: Wide<T>>(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        shifts: &Shifts<T>,
+        v: &[T],
+        a: &[T],
+    ) {
+        let (places, mut view) = (&self.places, self.table.view());
+        let view = &mut view;
+        move_outboard::<T, W, TURNING>(layout, shifts, places, view, v, a);
+        each_own_inertia!(T, W, layout, places, view, |group, own| {
+            let composite = Composite::of_body(&own, group.vector(OMEGA), group.motion(ALPHA));
+            composite.put(&mut group);
+        });
+        if self.loaded {
+            for (load, &at) in self.loads.iter().zip(&places.first) {
+                let mut here = view.at(at);
+                let axes = here.axes();
+                let turned = Wrench::new(combine(&axes, load.moment), combine(&axes, load.force));
+                let force = here.wrench::<T>(FORCE) + turned;
+                here.set_wrench(FORCE, force);
+            }
+        }
+        gather_inboard(layout, places, view);
+        spread(layout, places, view, (CARRIED_OMEGA..ALPHA).chain(COMPOSITE..DRIFT).chain(MOMENT..PSI));
+        let mut at = Places::group(places.margin, W::COUNT);
+        while at < places.count {
+            let mut group = view.at(at);
+            if self.meetings.is_linear(at, W::COUNT) {
+                begin_columns::<T, W, TURNING, true>(&mut group);
+            } else {
+                begin_columns::<T, W, TURNING, false>(&mut group);
+            }
+            at += W::COUNT;
+        }
+        let view = self.table.view();
+        W::dispatch(Meet::<T, W, TURNING> {
+            layout,
+            places,
+            view,
+            meetings: &mut self.meetings,
+            register: PhantomData,
+        });
+    }
 }
 
-/// S, ψ, Ψ and Γ of one axis.
+/// Motions of all bodies, base to tip.
 #[inline(always)]
-fn axis_rates<T: Scalar, const TURNING: bool>(
-    body: &LayoutBody<T::Constant>,
-    i: usize,
-    moving: &Moving<T>,
+fn move_outboard<T: Scalar, W: Wide<T>, const TURNING: bool>(
+    layout: &Layout<T::Constant>,
+    shifts: &Shifts<T>,
+    places: &Places,
+    view: &mut View<'_, T, ROWS>,
     v: &[T],
-) -> AxisRates<T> {
-    let axis: Motion<T> = body.hinge.axis(i);
-    let (s, b) = (axis.angular, axis.linear);
-    let joint = body.hinge.expand(v);
-    let (omega, alpha) = (moving.carried_omega, moving.carried_alpha);
-    let psi = omega.cross(s);
-    let sweep = omega.cross(b);
-    let along = joint.linear.cross(psi);
-    let position = Motion::new(
-        alpha.angular.cross(s) + omega.cross(psi),
-        alpha.linear.cross(s) - (along + along) + alpha.angular.cross(b) + omega.cross(sweep),
-    );
-    let mut velocity = Motion::new((omega + moving.omega).cross(s), sweep + sweep);
-    if TURNING && matches!(body.hinge, Hinge::Planar | Hinge::Free) {
-        velocity.linear += s.cross(joint.linear) + joint.angular.cross(b);
+    a: &[T],
+) {
+    let ground = Inboard {
+        axes: ground_axes::ground(),
+        omega: Vec3::zero(),
+        alpha: Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity())),
+    };
+    let mut previous = ground;
+    for (k, body) in layout.bodies().iter().enumerate() {
+        let inboard = match body.parent {
+            GROUND => ground,
+            _ if body.follows_parent(k) => previous,
+            parent => {
+                let parent = view.at(places.first[parent]);
+                Inboard { axes: parent.axes(), omega: parent.vector(OMEGA), alpha: parent.motion(ALPHA) }
+            }
+        };
+        let (axes, d) = shifts.at(k, body).axes_to_child(inboard.axes);
+        set_body::<T, W, ROWS>(view, places.first[k], body, &axes, d);
+        let mut here = view.at(places.first[k]);
+        let mut around = inboard.omega.cross(d);
+        let carried =
+            inboard.omega.cross_add(around, inboard.alpha.angular.cross_add(d, inboard.alpha.linear));
+        let carried = Motion::new(inboard.alpha.angular, carried);
+        let (mut omega, mut alpha) = (inboard.omega, carried);
+        if let Hinge::Revolute = body.hinge {
+            let spin = axes[2].scale(v[body.v]);
+            omega += spin;
+            alpha.angular = inboard.omega.cross_add(spin, axes[2].scale_add(a[body.v], alpha.angular));
+        } else {
+            let joint = turned(&axes, body.hinge.expand(&v[body.v..]));
+            let mut own = turned(&axes, body.hinge.expand(&a[body.v..]));
+            if TURNING {
+                own += turned(&axes, body.hinge.turning(&v[body.v..]));
+            }
+            omega += joint.angular;
+            let swept = inboard.omega.cross(joint.linear);
+            alpha += own;
+            alpha.angular += inboard.omega.cross(joint.angular);
+            alpha.linear += swept + swept;
+            around += joint.linear;
+            here.set_vector(SPEED, joint.linear);
+        }
+        here.set_vector(DRIFT, around.scale(-T::splat(2.0)));
+        here.set_vector(CARRIED_OMEGA, inboard.omega);
+        here.set_motion(CARRIED_ALPHA, carried);
+        here.set_vector(OMEGA, omega);
+        here.set_motion(ALPHA, alpha);
+        previous = Inboard { axes, omega, alpha };
     }
-    AxisRates { axis, psi, position, velocity }
+}
+
+/// Composites of all bodies, tip to base, from their own parts.
+#[inline(always)]
+fn gather_inboard<T: Scalar>(layout: &Layout<T::Constant>, places: &Places, view: &mut View<'_, T, ROWS>) {
+    for (k, body) in layout.bodies().iter().enumerate().rev() {
+        if body.parent == GROUND {
+            continue;
+        }
+        let here = view.at(places.first[k]);
+        let moved = Composite::<T>::get(&here).shifted(here.vector(OFFSET), here.vector(DRIFT));
+        let mut parent = view.at(places.first[body.parent]);
+        let sum = Composite::<T>::get(&parent).plus(&moved);
+        sum.put(&mut parent);
+    }
+}
+
+/// ψ, Ψ, Γ and columns of the degrees of freedom of a group. Without `LINEAR`, no axis has a linear part.
+#[inline(always)]
+fn begin_columns<T: Scalar, W: Wide<T>, const TURNING: bool, const LINEAR: bool>(
+    group: &mut Group<'_, T, ROWS>,
+) {
+    let composite: Composite<W> = Composite::get(group);
+    let (s, b): (Vec3<W>, Vec3<W>) =
+        (group.vector(AXIS), if LINEAR { group.vector(AXIS + 3) } else { Vec3::zero() });
+    let (omega, alpha) = (group.vector::<W>(CARRIED_OMEGA), group.motion::<W>(CARRIED_ALPHA));
+    let own = group.vector::<W>(OMEGA);
+    let psi = omega.cross(s);
+    let mut position = Motion::new(omega.cross_add(psi, alpha.angular.cross(s)), alpha.linear.cross(s));
+    let mut velocity = Motion::new((omega + own).cross(s), Vec3::zero());
+    let M = &composite.inertia;
+    let (mut inertia, mut of_velocity) = (M.spin(s), M.spin(velocity.angular));
+    let mut gyroscopic = composite.moment.transpose_mul(s);
+    if LINEAR {
+        let speed = group.vector::<W>(SPEED);
+        let (sweep, along) = (omega.cross(b), speed.cross(psi));
+        position.linear =
+            omega.cross_add(sweep, alpha.angular.cross_add(b, position.linear)) - (along + along);
+        velocity.linear = sweep + sweep;
+        if TURNING {
+            velocity.linear += s.cross_add(speed, (own - omega).cross(b));
+        }
+        inertia = M.momentum(Motion::new(s, b));
+        of_velocity = M.momentum(velocity);
+        gyroscopic = b.cross_add(composite.momentum, gyroscopic);
+    }
+    let of_position = M.momentum(position) + composite.gyroscopic(psi);
+    let turned = Motion::new(s, b).cross_wrench(composite.force);
+    group.set_vector(PSI, psi);
+    group.set_motion(POSITION_RATE, position);
+    group.set_motion(VELOCITY_RATE, velocity);
+    let columns = crate::derivative_columns::Column {
+        inertia,
+        // The force itself turns and moves with the axis, as the bodies inboard see it.
+        position: of_position + turned,
+        velocity: of_velocity + composite.gyroscopic(s),
+        gyroscopic,
+    };
+    columns.put(group);
 }
 
 impl<T: Scalar> Composite<T> {
@@ -307,100 +395,62 @@ impl<T: Scalar> Composite<T> {
     fn gyroscopic(&self, x: Vec3<T>) -> Wrench<T> {
         Wrench::new(self.moment * x, self.momentum.cross(x))
     }
-    /// The column of an axis of the body.
+    /// Moved to the parent's origin, by d, and to its frame of reference; `drift` is −2u.
     #[inline(always)]
-    fn column(&self, rates: &AxisRates<T>) -> Column<T> {
-        let (s, b) = (rates.axis.angular, rates.axis.linear);
-        Column {
-            inertia: self.inertia.momentum(rates.axis),
-            position: self.inertia.momentum(rates.position) + self.gyroscopic(rates.psi),
-            velocity: self.inertia.momentum(rates.velocity) + self.gyroscopic(s),
-            gyroscopic: self.moment.transpose_mul(s) + b.cross(self.momentum),
-        }
-    }
-    /// Rates and column of the i-th axis of a joint.
-    #[inline(always)]
-    pub(crate) fn general<const TURNING: bool>(
-        &self,
-        body: &LayoutBody<T::Constant>,
-        i: usize,
-        moving: &Moving<T>,
-        v: &[T],
-    ) -> (AxisRates<T>, Column<T>) {
-        let rates = axis_rates::<T, TURNING>(body, i, moving, v);
-        (rates, self.column(&rates))
-    }
-    /// Rates and column of the hinge about z: those of the general formulas, without their zeros.
-    #[inline(always)]
-    pub(crate) fn revolute(&self, moving: &Moving<T>) -> (AxisRates<T>, Column<T>) {
-        let o = T::zero();
-        let ([x, y, z], w) = (moving.carried_omega.0, moving.carried_omega + moving.omega);
-        let ([a, b, _], [c, d, _]) = (moving.carried_alpha.angular.0, moving.carried_alpha.linear.0);
-        let (psi, gamma) = (Vec3([y, -x, o]), Vec3([w.0[1], -w.0[0], o]));
-        let position = Motion::new(Vec3([x.fma(z, b), y.fma(z, -a), -(x.fma(x, y * y))]), Vec3([d, -c, o]));
-        let (J, h, N, l) =
-            (&self.inertia.inertia, self.inertia.first_moment.0, &self.moment.0, self.momentum.0);
-        let inertia = Wrench::new(J.column(2), Vec3([-h[1], h[0], o]));
-        let swing = Wrench::new(
-            Vec3([
-                across(N[0][0], N[0][1], psi),
-                across(N[1][0], N[1][1], psi),
-                across(N[2][0], N[2][1], psi),
-            ]),
-            lever(l, psi),
-        );
-        let velocity = Wrench::new(
-            Vec3([
-                N[0][2] + across(J.xx, J.xy, gamma),
-                N[1][2] + across(J.xy, J.yy, gamma),
-                N[2][2] + across(J.xz, J.yz, gamma),
-            ]),
-            Vec3([l[1], -l[0], o]) - lever(h, gamma),
-        );
-        let position_force = self.inertia.momentum(position) + swing;
-        let column = Column { inertia, position: position_force, velocity, gyroscopic: self.moment.row(2) };
-        let velocity = Motion::new(gamma, Vec3::zero());
-        (AxisRates { axis: Motion::unit(2), psi, position, velocity }, column)
-    }
-    /// Moved to the parent's origin and its frame of reference; `drift` is −2u.
-    #[inline(always)]
-    pub(crate) fn shifted(&self, passage: &Passage<'_, T>, drift: Vec3<T>) -> Self {
-        let inertia = passage.rigid_to_parent(&self.inertia);
-        let l = passage.vector_to_parent(self.momentum);
-        let (t, h) = (passage.translation(), inertia.first_moment);
-        let mut moment = passage.matrix_to_parent(&self.moment);
-        let trace = t.dot(l) + h.dot(drift);
+    fn shifted(&self, d: Vec3<T>, drift: Vec3<T>) -> Self {
+        let (inertia, l, mut moment) = (self.inertia.shifted(d), self.momentum, self.moment);
+        let h = inertia.first_moment;
+        let trace = d.dot(l) + h.dot(drift);
         for i in 0..3 {
-            let row = h.scale_add(drift.0[i], t.scale_add(l.0[i], Vec3(moment.0[i])));
+            let row = h.scale_add(drift.0[i], d.scale_add(l.0[i], Vec3(moment.0[i])));
             moment.0[i] = row.0;
             moment.0[i][i] -= trace;
         }
+        let force = self.force;
         Composite {
             inertia,
             moment,
             momentum: drift.scale_add(inertia.mass, l),
-            force: passage.wrench_to_parent(self.force),
+            force: Wrench::new(d.cross_add(force.force, force.moment), force.force),
         }
     }
     #[inline(always)]
-    pub(crate) fn add(&mut self, other: &Self) {
-        self.inertia = self.inertia + other.inertia;
-        self.moment = self.moment + other.moment;
-        self.momentum += other.momentum;
-        self.force += other.force;
+    fn plus(&self, other: &Self) -> Self {
+        Composite {
+            inertia: self.inertia + other.inertia,
+            moment: self.moment + other.moment,
+            momentum: self.momentum + other.momentum,
+            force: self.force + other.force,
+        }
+    }
+    #[inline(always)]
+    fn get<U: Scalar, const N: usize>(group: &Group<'_, U, N>) -> Self
+    where
+        T: Wide<U>,
+    {
+        Composite {
+            inertia: group.rigid(COMPOSITE),
+            moment: group.matrix(MOMENT),
+            momentum: group.vector(MOMENTUM),
+            force: group.wrench(FORCE),
+        }
+    }
+    #[inline(always)]
+    fn put<U: Scalar, const N: usize>(&self, group: &mut Group<'_, U, N>)
+    where
+        T: Wide<U>,
+    {
+        group.set_rigid(COMPOSITE, &self.inertia);
+        group.set_matrix(MOMENT, &self.moment);
+        group.set_vector(MOMENTUM, self.momentum);
+        group.set_wrench(FORCE, self.force);
     }
 }
 
-/// (p, q, ·) · v.
+/// A motion in the body's axes, turned.
 #[inline(always)]
-fn across<T: Scalar>(p: T, q: T, v: Vec3<T>) -> T {
-    p.fma(v.0[0], q * v.0[1])
-}
-
-/// m × v for a v without z.
-#[inline(always)]
-fn lever<T: Scalar>(m: [T; 3], v: Vec3<T>) -> Vec3<T> {
-    Vec3([-(m[2] * v.0[1]), m[2] * v.0[0], m[0].fma(v.0[1], -(m[1] * v.0[0]))])
+fn turned<T: Scalar>(axes: &Directions<T>, x: Motion<T>) -> Motion<T> {
+    Motion::new(combine(axes, x.angular), combine(axes, x.linear))
 }
 
 #[inline(always)]

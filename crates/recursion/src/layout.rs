@@ -6,8 +6,8 @@
 //! body that carries it, so results come back in the user's frames and names.
 //!
 //! Bodies are stored depth first: a body's first child follows it, and what a sweep carries from body to body stays in
-//! registers; of several children the one with most bodies outboard comes last, so that what waits for a branching body is
-//! a stack of at most log₂ n entries.
+//! registers. The model's own order stays if it is depth first and little waits for branching bodies; else, of several children
+//! the one with most bodies outboard comes last, so that what waits is a stack of at most log₂ n entries.
 
 use crate::error::DynamicsError;
 use crate::hinge::Hinge;
@@ -84,6 +84,28 @@ impl<C: Real> LayoutBody<C> {
         self.parent.wrapping_add(1) == k && self.parent != GROUND
     }
 }
+
+/// Copies of a step for the kinds of joints that robots have besides hinges, in which the kind is a constant, and one for all
+/// others: a step asks for the kind many times.
+macro_rules! each_kind {
+    ($body:expr, |$known:ident| $step:expr) => {
+        match $body.hinge {
+            $crate::hinge::Hinge::Prismatic => {
+                let $known = &$crate::layout::LayoutBody { hinge: $crate::hinge::Hinge::Prismatic, ..*$body };
+                $step
+            }
+            $crate::hinge::Hinge::Free => {
+                let $known = &$crate::layout::LayoutBody { hinge: $crate::hinge::Hinge::Free, ..*$body };
+                $step
+            }
+            _ => {
+                let $known = $body;
+                $step
+            }
+        }
+    };
+}
+pub(crate) use each_kind;
 
 /// Where a body of the model lives in the layout.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -34,6 +34,7 @@ pub mod error;
 pub mod form;
 pub mod forward_dynamics;
 pub mod forward_dynamics_derivatives;
+mod ground_axes;
 pub mod hinge;
 pub mod hinge_check;
 pub mod innovations;
@@ -49,8 +50,8 @@ pub mod mass_matrix;
 pub mod mass_matrix_inverse;
 pub mod momentum;
 mod packed;
+mod places;
 pub mod refined_forward_dynamics;
-mod side_by_side;
 pub mod square_root_forward_dynamics;
 
 pub use articulated_sweep::ArticulatedSweep;

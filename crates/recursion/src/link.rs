@@ -10,21 +10,16 @@
 //! α = ±90°, which cost nothing. Ball and free joints pass through a general rotation.
 
 use crate::hinge::Hinge;
-use phipsi_spatial::turn::{shift_coupling, shift_inertia};
 use phipsi_spatial::{
-    ArticulatedInertia, Axis, Mat3, Motion, Quaternion, Real, RigidInertia, Scalar, Sym3, Transform, Turn,
-    Vec3, Wrench,
+    Axis, Mat3, Motion, Quaternion, Real, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench,
 };
 
+mod articulated;
 mod quarter;
-
-use quarter::{
-    back_quarter, back_quarter_matrix, back_quarter_symmetric, quarter, quarter_matrix, quarter_symmetric,
-};
 
 /// Angles that cost less than others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Twist {
+pub(crate) enum Twist {
     /// α = 0.
     Straight,
     /// α = 90°.
@@ -42,9 +37,39 @@ pub struct Link<C> {
     twist: Turn<C>,
     last: Turn<C>,
     offset: Vec3<C>,
-    shape: Twist,
-    has_first: bool,
+    pub(crate) shape: Twist,
+    pub(crate) has_first: bool,
 }
+
+/// One copy of an expression for every shape of a link without first turn, in which the shape is a constant, so that each
+/// copy has no branches; and one for links with a first turn.
+macro_rules! each_shape {
+    ($link:expr, |$known:ident| $step:expr) => {
+        match $link.shape {
+            _ if $link.has_first => {
+                let $known = $link;
+                $step
+            }
+            $crate::link::Twist::Straight => {
+                let $known = &$link.known($crate::link::Twist::Straight);
+                $step
+            }
+            $crate::link::Twist::Quarter => {
+                let $known = &$link.known($crate::link::Twist::Quarter);
+                $step
+            }
+            $crate::link::Twist::BackQuarter => {
+                let $known = &$link.known($crate::link::Twist::BackQuarter);
+                $step
+            }
+            $crate::link::Twist::Oblique => {
+                let $known = &$link.known($crate::link::Twist::Oblique);
+                $step
+            }
+        }
+    };
+}
+pub(crate) use each_shape;
 
 /// A link at one configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -120,11 +145,36 @@ impl<C: Real> Link<C> {
             link.offset = first.up(Axis::Z, self.offset);
             return link;
         }
-        Link { first, has_first: first != Turn::none(), ..self }
+        let link = Link { first, ..self }.facing();
+        Link { has_first: link.first != Turn::none(), ..link }
+    }
+    /// With θ₀ within a quarter turn: Z(θ₀) l, X(α), Z(θ₁) are Z(θ₀ + π) (−l), X(−α), Z(θ₁ + π), where l turns but in z. Siblings
+    /// on opposite axes have no first turn then.
+    fn facing(mut self) -> Self {
+        let back = |turn: Turn<C>| Turn { cos: -turn.cos, sin: -turn.sin };
+        if self.first.cos < C::zero() {
+            let [x, y, z] = self.offset.0;
+            (self.first, self.last, self.twist.sin) = (back(self.first), back(self.last), -self.twist.sin);
+            self.offset = Vec3([-x, -y, z]);
+            self.shape = match self.shape {
+                Twist::Quarter => Twist::BackQuarter,
+                Twist::BackQuarter => Twist::Quarter,
+                same => same,
+            };
+        }
+        if self.first.sin.abs() <= C::splat(4.0 * C::EPSILON) && self.first.cos > C::zero() {
+            self.first = Turn::none();
+        }
+        self
     }
     /// The same link after the body's own frame was turned by `turn` about z.
     pub(crate) fn with_body_turned(self, turn: Turn<C>) -> Self {
         Link { last: self.last.then(turn), ..self }
+    }
+    /// The same link, without first turn, of a known shape.
+    #[inline(always)]
+    pub(crate) fn known(&self, shape: Twist) -> Self {
+        Link { shape, has_first: false, ..*self }
     }
     /// Pose of the joint frame in the parent's frame at q = 0.
     pub fn placement(&self) -> Transform<C> {
@@ -269,28 +319,6 @@ impl<C: Real> Link<C> {
         let moment = shift.offset.cross_add(force, self.vector_up(shift.turn, f.moment));
         Wrench::new(self.first_up(moment), self.first_up(force))
     }
-    /// R x.
-    #[inline(always)]
-    pub(crate) fn vector_to_parent<T: Scalar<Constant = C>>(&self, shift: &Shift<T>, x: Vec3<T>) -> Vec3<T> {
-        self.first_up(self.vector_up(shift.turn, x))
-    }
-    /// R l: the body's origin in the parent.
-    #[inline(always)]
-    pub(crate) fn translation<T: Scalar<Constant = C>>(&self, shift: &Shift<T>) -> Vec3<T> {
-        self.first_up(shift.offset)
-    }
-    /// R A Rᵀ.
-    #[inline(always)]
-    pub(crate) fn matrix_to_parent<T: Scalar<Constant = C>>(&self, shift: &Shift<T>, A: &Mat3<T>) -> Mat3<T> {
-        let turned = shift.turn.matrix_up(Axis::Z, A);
-        let twisted = match self.shape {
-            Twist::Straight => turned,
-            Twist::Quarter => quarter_matrix(&turned),
-            Twist::BackQuarter => back_quarter_matrix(&turned),
-            Twist::Oblique => Turn::constant(&self.twist).matrix_up(Axis::X, &turned),
-        };
-        if self.has_first { Turn::constant(&self.first).matrix_up(Axis::Z, &twisted) } else { twisted }
-    }
     /// φ*(p, k) V.
     #[inline(always)]
     pub(crate) fn motion_to_child<T: Scalar<Constant = C>>(
@@ -312,74 +340,6 @@ impl<C: Real> Link<C> {
         let omega = self.first_down(omega);
         let centripetal = omega.cross(omega.cross(shift.offset));
         (self.vector_down(shift.turn, omega), self.vector_down(shift.turn, centripetal))
-    }
-    /// φ(p, k) P φ*(p, k).
-    #[inline(always)]
-    pub(crate) fn articulated_to_parent<T: Scalar<Constant = C>>(
-        &self,
-        shift: &Shift<T>,
-        P: &ArticulatedInertia<T>,
-    ) -> ArticulatedInertia<T> {
-        let turned = shift.turn.articulated_up(Axis::Z, P);
-        let twisted = match self.shape {
-            Twist::Straight => turned,
-            Twist::Quarter => quarter(&turned),
-            Twist::BackQuarter => back_quarter(&turned),
-            Twist::Oblique => Turn::constant(&self.twist).articulated_up(Axis::X, &turned),
-        };
-        self.first_articulated(twisted.shifted(shift.offset))
-    }
-    /// φ(p, k) (P − G H P) φ*(p, k) for a hinge about z, whose column of P is U and gain G = (gx, gy, 1, g).
-    ///
-    /// Block after block, mass first, so that few numbers are in use at once.
-    #[inline(always)]
-    pub(crate) fn eliminated_to_parent<T: Scalar<Constant = C>>(
-        &self,
-        turn: Turn<T>,
-        P: &ArticulatedInertia<T>,
-        gain: &Wrench<T>,
-    ) -> ArticulatedInertia<T> {
-        let (J, C) = (&P.inertia, &P.coupling.0);
-        let (ux, uy, force) = (J.xz, J.yz, Vec3(C[2]));
-        let ([gx, gy, _], g) = (gain.moment.0, gain.force);
-        let offset = Vec3::constant(self.offset);
-        let mut mass = P.mass;
-        mass.add_product(-g, force);
-        let mass = self.twist_symmetric(&turn.symmetric_up(Axis::Z, &mass));
-        let rows = [force.scale_add(-gx, Vec3(C[0])).0, force.scale_add(-gy, Vec3(C[1])).0];
-        let rows = turn.flat_coupling_z(rows);
-        let ([x, y], o) = (rows, T::zero());
-        let coupling = match self.shape {
-            Twist::Straight => Mat3([x, y, [o; 3]]),
-            Twist::Quarter => Mat3([[x[0], -x[2], x[1]], [o; 3], [y[0], -y[2], y[1]]]),
-            Twist::BackQuarter => Mat3([[x[0], x[2], -x[1]], [o; 3], [-y[0], -y[2], y[1]]]),
-            Twist::Oblique => Turn::constant(&self.twist).flat_coupling_x(rows),
-        };
-        let moved = shift_coupling(&coupling, &mass, offset);
-        let flat = [(-gx).fma(ux, J.xx), (-gx).fma(uy, J.xy), (-gy).fma(uy, J.yy)];
-        let flat = turn.flat_inertia_z(flat);
-        let [xx, xy, yy] = flat;
-        let inertia = match self.shape {
-            Twist::Straight => Sym3 { xx, xy, xz: o, yy, yz: o, zz: o },
-            Twist::Quarter => Sym3 { xx, xy: o, xz: xy, yy: o, yz: o, zz: yy },
-            Twist::BackQuarter => Sym3 { xx, xy: o, xz: -xy, yy: o, yz: o, zz: yy },
-            Twist::Oblique => Turn::constant(&self.twist).flat_inertia_x(flat),
-        };
-        let inertia = shift_inertia(&inertia, &coupling, &moved, offset);
-        self.first_articulated(ArticulatedInertia { inertia, coupling: moved, mass })
-    }
-    #[inline(always)]
-    fn twist_symmetric<T: Scalar<Constant = C>>(&self, m: &Sym3<T>) -> Sym3<T> {
-        match self.shape {
-            Twist::Straight => *m,
-            Twist::Quarter => quarter_symmetric(m),
-            Twist::BackQuarter => back_quarter_symmetric(m),
-            Twist::Oblique => Turn::constant(&self.twist).symmetric_up(Axis::X, m),
-        }
-    }
-    #[inline(always)]
-    fn first_articulated<T: Scalar<Constant = C>>(&self, P: ArticulatedInertia<T>) -> ArticulatedInertia<T> {
-        if self.has_first { Turn::constant(&self.first).articulated_up(Axis::Z, &P) } else { P }
     }
     /// φ(p, k) M φ*(p, k) + `own`.
     #[inline(always)]

@@ -6,14 +6,15 @@
 //! | M(q) | H φ M φ* H* = H (R + φ~R + R φ~*) H* | soa.md 3.1 |
 //! | f | R H* of every degree of freedom outboard, carried to the body by φ: columns in lanes | |
 
-use crate::columns::{Columns, Places, Rows, WidePassage};
+use crate::columns::{Columns, Rows, WidePassage};
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
 use crate::layout::Pending;
 use crate::layout::{GROUND, Layout, LayoutBody, Shifts};
+use crate::places::{Places, mirror};
 use core::ops::Range;
 use num_traits::Zero;
-use phipsi_spatial::wide::{WIDEST, Wide, WideKernel};
+use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{RigidInertia, Scalar, Transform, Wrench};
 
 /// Composite inertias R of all bodies with their hinge transforms, tip to base.
@@ -47,13 +48,13 @@ pub struct MassMatrix<T: Scalar> {
 impl<T: Scalar> MassMatrix<T> {
     /// A workspace for a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
-        let places = Places::new(layout);
+        let places = Places::new::<T::Arithmetic>(layout);
         MassMatrix {
             shifts: Shifts::new(layout),
             pending: Pending::new(layout, RigidInertia::zero()),
             columns: Columns::new(&places),
             line: vec![T::Arithmetic::zero(); places.count],
-            dense: 3 * places.pairs(layout) > layout.nv() * layout.nv(),
+            dense: 3 * places.pairs() > layout.nv() * layout.nv(),
             places,
         }
     }
@@ -77,7 +78,6 @@ impl<T: Scalar> MassMatrix<T> {
         check_length("q", q, layout.nq())?;
         check_length("out", out, nv * nv)?;
         check_length("workspace", self.shifts.all(), layout.len())?;
-        check_length("workspace", &self.line, nv.next_multiple_of(WIDEST) + WIDEST)?;
         let (q, out) = (T::arithmetic(q), T::arithmetic_mut(out));
         T::Arithmetic::dispatch_wide(Sweep { work: self, layout, q, out });
         Ok(())
@@ -169,7 +169,7 @@ fn step<T: Scalar, W: Wide<T>, const C: usize>(
 ) {
     let own = R.column(C).to_array();
     let range = matrix.places.outboard(k);
-    let in_order = matrix.places.in_order(k);
+    let in_order = matrix.places.in_order();
     let mut at = range.end;
     while at > range.start {
         at -= W::COUNT;
@@ -204,7 +204,7 @@ fn general_step<T: Scalar, W: Wide<T>>(
     R: &RigidInertia<T>,
 ) {
     let range = matrix.places.outboard(k);
-    let in_order = matrix.places.in_order(k);
+    let in_order = matrix.places.in_order();
     for (i, &c) in body.hinge.components().iter().enumerate() {
         let helical = matches!(body.hinge, Hinge::Helical { .. });
         let own = if helical { R.momentum(body.hinge.axis(i)) } else { R.column(c) };
@@ -286,26 +286,6 @@ impl<T: Scalar> Matrix<'_, T> {
 fn clear<T: Scalar, W: Wide<T>>(x: &mut [T]) {
     for group in x.chunks_mut(W::COUNT) {
         W::zero().store_first(group);
-    }
-}
-
-/// Copies the upper triangle to the lower one, in tiles.
-#[inline(always)]
-pub(crate) fn mirror<T: Scalar, W: Wide<T>>(out: &mut [T], nv: usize) {
-    let width = W::COUNT;
-    for top in (0..nv).step_by(width) {
-        let below = width.min(nv - top);
-        for left in (0..=top).step_by(width) {
-            let mut tile = [W::zero(); WIDEST];
-            for i in 0..width.min(nv - left) {
-                tile[i] = W::load_first(&out[(left + i) * nv + top..][..below]);
-            }
-            W::transpose(&mut tile);
-            for i in 0..below {
-                let count = if left == top { i } else { width };
-                tile[i].store_first(&mut out[(top + i) * nv + left..][..count]);
-            }
-        }
     }
 }
 

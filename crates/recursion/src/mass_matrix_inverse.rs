@@ -5,7 +5,7 @@
 
 use crate::articulated_sweep::{ArticulatedSweep, SolveWorkspace};
 use crate::error::{DynamicsError, check_length};
-use crate::innovations::Innovations;
+use crate::innovations::InnovationsSweep;
 use crate::layout::Layout;
 use phipsi_spatial::Scalar;
 use phipsi_spatial::wide::{Wide, WideKernel};
@@ -61,13 +61,16 @@ pub fn solve_mass_matrix<T: Scalar>(
 #[derive(Clone, Debug)]
 pub struct MassMatrixInverse<T: Scalar> {
     sweep: ArticulatedSweep<T>,
-    innovations: Innovations<T::Arithmetic>,
+    innovations: InnovationsSweep<T::Arithmetic>,
 }
 
 impl<T: Scalar> MassMatrixInverse<T> {
     /// A workspace for a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
-        MassMatrixInverse { sweep: ArticulatedSweep::empty(layout), innovations: Innovations::new(layout) }
+        MassMatrixInverse {
+            sweep: ArticulatedSweep::empty(layout),
+            innovations: InnovationsSweep::new(layout),
+        }
     }
     /// The inverse of the mass matrix, full and symmetric, by rows. `q`: nq; `out`: nv×nv.
     ///
@@ -98,7 +101,7 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Products<'_, T> {
     fn run<W: Wide<T::Arithmetic>>(self) {
         let MassMatrixInverse { sweep, innovations } = self.work;
         innovations.update::<W>(self.layout, &sweep.pivots, &sweep.shifts);
-        innovations.inverse_mass_matrix::<W>(self.out);
+        innovations.innovations.inverse_mass_matrix::<W>(&innovations.places, self.out);
     }
 }
 

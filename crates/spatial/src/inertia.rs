@@ -67,6 +67,11 @@ impl<T: Scalar> RigidInertia<T> {
             v.linear.scale(self.mass) - self.first_moment.cross(v.angular),
         )
     }
+    /// M (ω, 0), with the bits of [`Self::momentum`].
+    #[inline(always)]
+    pub fn spin(&self, omega: Vec3<T>) -> Wrench<T> {
+        Wrench::new(self.inertia * omega, Vec3::zero() - self.first_moment.cross(omega))
+    }
     /// (ω × J ω, ω × (ω × h)): with M α, α the inertial acceleration of the frame's origin, the rate of momentum about it.
     ///
     /// No velocity of the origin enters, so that a common velocity of all bodies costs no digits.

@@ -80,24 +80,11 @@ pub trait Lanes: Scalar<Constant = f64, Arithmetic = Self> {
     fn lane(self, i: usize) -> f64;
     /// The numbers in memory: lane after lane, then the next of `x`.
     fn numbers(x: &[Self]) -> &[f64];
-    /// The numbers in memory, to write.
-    fn numbers_mut(x: &mut [Self]) -> &mut [f64];
-    /// Lane `lane` of each of `out` becomes a number of `row`.
-    ///
-    /// By memory, not by registers: a register that is read long after its lanes were written waits for nothing.
-    #[inline(always)]
-    fn pack(row: &[f64], lane: usize, out: &mut [Self]) {
-        for (group, &x) in Self::numbers_mut(out).chunks_exact_mut(Self::LANES).zip(row) {
-            group[lane] = x;
-        }
-    }
-    /// The reverse of [`Lanes::pack`].
-    #[inline(always)]
-    fn unpack(x: &[Self], lane: usize, row: &mut [f64]) {
-        for (group, to) in Self::numbers(x).chunks_exact(Self::LANES).zip(row) {
-            *to = group[lane];
-        }
-    }
+    /// Lane i of each of `out` becomes a number of row i: as many rows as lanes, each with as many numbers as `out` has.
+    /// With fewer, `out` is left alone.
+    fn pack(rows: &[&[f64]], out: &mut [Self]);
+    /// The reverse of [`Lanes::pack`], to rows that follow each other: as many as `out` has, at most as many as lanes.
+    fn unpack(x: &[Self], out: &mut [f64]);
 }
 
 /// Work that is generic over the number of lanes.
@@ -145,11 +132,6 @@ macro_rules! numbers_in_memory {
         fn numbers(x: &[Self]) -> &[f64] {
             // SAFETY: the type is transparent over its lanes of f64, and aligned for them.
             unsafe { core::slice::from_raw_parts(x.as_ptr().cast(), x.len() * Self::LANES) }
-        }
-        #[inline(always)]
-        fn numbers_mut(x: &mut [Self]) -> &mut [f64] {
-            // SAFETY: as above; every pattern of bits is an f64.
-            unsafe { core::slice::from_raw_parts_mut(x.as_mut_ptr().cast(), x.len() * Self::LANES) }
         }
     };
 }
@@ -323,6 +305,20 @@ impl Lanes for Fused {
         self.0
     }
     numbers_in_memory!();
+    #[inline(always)]
+    fn pack(rows: &[&[f64]], out: &mut [Self]) {
+        for row in rows {
+            for (to, x) in out.iter_mut().zip(*row) {
+                *to = Fused(*x);
+            }
+        }
+    }
+    #[inline(always)]
+    fn unpack(x: &[Self], out: &mut [f64]) {
+        for (to, x) in out.iter_mut().zip(x) {
+            *to = x.0;
+        }
+    }
 }
 
 impl Quadrants for Fused {

@@ -25,6 +25,8 @@ pub trait Wide<T: Scalar>: Scalar<Constant = T::Constant> {
     fn store_from(self, first: usize, out: &mut [T]);
     /// With another number in one place.
     fn with(self, place: usize, x: T) -> Self;
+    /// Zero before place `from` and from place `to` on, neither beyond [`Wide::COUNT`].
+    fn between(self, from: usize, to: usize) -> Self;
     /// Number j of register i becomes number i of register j, of the first [`Wide::COUNT`] registers.
     fn transpose(tile: &mut [Self; WIDEST]);
 }
@@ -65,6 +67,10 @@ impl<T: Scalar> Wide<T> for T {
     #[inline(always)]
     fn with(self, _: usize, x: T) -> Self {
         x
+    }
+    #[inline(always)]
+    fn between(self, from: usize, to: usize) -> Self {
+        if from == 0 && to == 1 { self } else { T::zero() }
     }
     #[inline(always)]
     fn transpose(_: &mut [Self; WIDEST]) {}

@@ -7,7 +7,7 @@ mod protocol;
 
 use phipsi::model::{Base, Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random};
 use phipsi::prelude::{Mimic, UrdfOptions, read_urdf_file};
-use phipsi::recursion::batch::{Input, StateKernel, kernels, run_batch};
+use phipsi::recursion::batch::{BatchRunner, Input, StateKernel, kernels};
 use phipsi::recursion::{
     CentroidalMomentumMatrix, ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics,
     InverseDynamicsDerivatives, Jacobian, Layout, MassMatrix, MassMatrixInverse,
@@ -33,10 +33,11 @@ impl Open {
     /// A kernel of (q, v, τ) on all states at once; `size` results a state.
     fn batch<'a, K: StateKernel + 'a>(&'a self, kernel: K, size: usize, s: &'a States) -> Operation<'a> {
         let (nq, nv) = s.dimensions();
+        let runner = BatchRunner::new(kernel, Level::best());
         let call: Call<'a> = Box::new(move |_, out| {
             let [q, v, tau, _] = s.all();
             let inputs = [Input::each(q, nq), Input::each(v, nv), Input::each(tau, nv)];
-            let done = run_batch(&kernel, Level::best(), &inputs, s.count, out);
+            let done = runner.run(&inputs, s.count, out);
             Ok(done.map_err(|(_, error)| error)?)
         });
         Operation { size, batch: true, call }

@@ -15,6 +15,9 @@ pub(super) struct Raw<C> {
     pub(super) inertia: RigidInertia<C>,
 }
 
+/// A model's own order is kept if it is depth first and no more than this many contributions wait at once in it.
+const WAITING: usize = 8;
+
 /// Order, frames and links. Carriers follow. Returns also how many contributions wait at once.
 pub(super) fn arrange<C: Real>(raw: &[Raw<C>], carriers: &mut [Carrier<C>]) -> (Vec<LayoutBody<C>>, usize) {
     let (order, heaviest) = depth_first(raw);
@@ -71,17 +74,22 @@ pub(super) fn arrange<C: Real>(raw: &[Raw<C>], carriers: &mut [Carrier<C>]) -> (
         general += usize::from(body.is_general());
         bodies.push(body);
     }
-    let most = most_waiting(&bodies, 0);
-    (bodies, most)
+    let parents: Vec<usize> = bodies.iter().map(|b| b.parent).collect();
+    let waiting = most_waiting(&parents, 0);
+    (bodies, waiting)
 }
 
-/// Most contributions that wait at once for their branching body in an inward sweep over a run of bodies that begins at body
-/// `first`, those to bodies before the run included.
-pub(super) fn most_waiting<C: Real>(run: &[LayoutBody<C>], first: usize) -> usize {
+/// Most contributions that wait at once for a body with several children, tip to base, in a run of subtrees that begins at body
+/// `first`; those to bodies before the run included.
+pub(super) fn most_waiting(parents: &[usize], first: usize) -> usize {
     let (mut waiting, mut most) = (0usize, 0);
-    for (k, body) in run.iter().enumerate().rev() {
-        waiting -= body.children.saturating_sub(1);
-        if body.parent != GROUND && !body.follows_parent(first + k) {
+    let mut children = vec![0usize; parents.len()];
+    for &parent in parents.iter().filter(|p| **p != GROUND && **p >= first) {
+        children[parent - first] += 1;
+    }
+    for (k, &parent) in parents.iter().enumerate().rev() {
+        waiting -= children[k].saturating_sub(1);
+        if parent != GROUND && parent + 1 != first + k {
             waiting += 1;
             most = most.max(waiting);
         }
@@ -89,7 +97,19 @@ pub(super) fn most_waiting<C: Real>(run: &[LayoutBody<C>], first: usize) -> usiz
     most
 }
 
-/// Depth-first order, lighter subtrees first; and the heaviest child of every body.
+/// True if every body follows its parent or ends a subtree of it.
+fn is_depth_first(parents: &[usize]) -> bool {
+    let mut path: Vec<usize> = Vec::new();
+    parents.iter().enumerate().all(|(k, &parent)| {
+        while path.last().is_some_and(|&last| last != parent) {
+            path.pop();
+        }
+        path.push(k);
+        parent == GROUND || path.len() > 1
+    })
+}
+
+/// Depth-first order, the model's own or lighter subtrees first; and the heaviest child of every body.
 fn depth_first<C>(raw: &[Raw<C>]) -> (Vec<usize>, Vec<usize>) {
     let n = raw.len();
     let mut size = vec![1usize; n];
@@ -109,6 +129,10 @@ fn depth_first<C>(raw: &[Raw<C>]) -> (Vec<usize>, Vec<usize>) {
         // In decreasing order: the stack below takes the last, the lightest, first. Stable, so that equals keep their order.
         list.sort_by_key(|&c| std::cmp::Reverse(size[c]));
         heaviest[k] = list.first().copied().unwrap_or(GROUND);
+    }
+    let parents: Vec<usize> = raw.iter().map(|b| b.parent).collect();
+    if is_depth_first(&parents) && most_waiting(&parents, 0) <= WAITING {
+        return ((0..n).collect(), heaviest);
     }
     let (mut order, mut stack) = (Vec::with_capacity(n), roots);
     while let Some(k) = stack.pop() {

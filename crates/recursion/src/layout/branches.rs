@@ -1,7 +1,7 @@
 //! A large tree cut into branches that do not depend on each other.
 //!
 //! A branch is a run of bodies: subtrees of one parent, or all of the tree. Its trunk is the path to the heaviest tip with
-//! all twigs too small to be worth a thread; the larger subtrees along the path, and what the path is beyond the last of
+//! all twigs too small to be worth a thread; the larger subtrees beside the path, and what the path is beyond the last of
 //! them, are branches of their own. A subtree beside the path has at most half of the bodies, so that branches are nested
 //! no deeper than log₂ n. The cut depends on the tree alone: threads change who works, never what is computed.
 
@@ -86,11 +86,12 @@ impl<C: Real> Tree<'_, C> {
         trunk.push(start..bodies.end);
         let mut by_v: Vec<usize> = (0..branches.len()).collect();
         by_v.sort_by_key(|&i| branches[i].v.start);
+        let parents: Vec<usize> = run.iter().map(|b| b.parent).collect();
         Some(Branch {
             v: from..to,
             general: first.general..last.general + usize::from(last.is_general()),
             outside: first.parent,
-            waiting: super::arrange::most_waiting(run, bodies.start),
+            waiting: super::arrange::most_waiting(&parents, bodies.start),
             bodies,
             trunk,
             branches,
@@ -99,38 +100,52 @@ impl<C: Real> Tree<'_, C> {
     }
     /// The branches along the path to the heaviest tip.
     fn along_path(&self, bodies: &Range<usize>) -> Vec<Branch> {
-        let mut branches = Vec::new();
-        // Siblings: from, to; the last is the heaviest.
+        // Before the path; and behind it, deepest last.
+        let (mut branches, mut behind) = (Vec::new(), Vec::new());
         let mut siblings = bodies.clone();
-        // The heaviest sibling where a branch was found beside it last.
+        // The heaviest sibling's subtree where a branch was found beside it last.
         let mut rest = bodies.end..bodies.end;
-        while !siblings.is_empty() {
-            let before = branches.len();
-            let heaviest = self.beside_path(&siblings, &mut branches);
-            if branches.len() > before {
-                rest = heaviest..siblings.end;
+        while let Some(heaviest) = self.heaviest(&siblings) {
+            let before = self.beside_path(siblings.start..heaviest.start);
+            let after = self.beside_path(heaviest.end..siblings.end);
+            if !before.is_empty() || !after.is_empty() {
+                rest = heaviest.clone();
             }
-            siblings = heaviest + 1..siblings.end;
+            branches.extend(before);
+            behind.push(after);
+            siblings = heaviest.start + 1..heaviest.end;
         }
         if rest.len() >= self.least {
             branches.extend(self.branch(rest));
         }
+        branches.extend(behind.into_iter().rev().flatten());
         branches
     }
-    /// Branches among siblings but the last, which is returned: large ones, and runs of small ones.
-    fn beside_path(&self, siblings: &Range<usize>, branches: &mut Vec<Branch>) -> usize {
-        let mut sibling = siblings.start;
-        let mut group = sibling..sibling;
-        while sibling + self.size[sibling] < siblings.end {
-            let next = sibling + self.size[sibling];
-            group = if self.size[sibling] >= self.least { sibling..next } else { group.start..next };
+    /// The largest subtree of siblings, the last of equals.
+    fn heaviest(&self, siblings: &Range<usize>) -> Option<Range<usize>> {
+        self.subtrees(siblings.clone()).max_by_key(|subtree| subtree.len())
+    }
+    /// The subtrees of siblings.
+    fn subtrees(&self, siblings: Range<usize>) -> impl Iterator<Item = Range<usize>> {
+        let mut next = siblings.start;
+        core::iter::from_fn(move || {
+            let start = next;
+            next += if start < siblings.end { self.size[start] } else { 0 };
+            (next > start).then_some(start..next)
+        })
+    }
+    /// Branches among siblings: large ones, and runs of small ones.
+    fn beside_path(&self, siblings: Range<usize>) -> Vec<Branch> {
+        let mut branches = Vec::new();
+        let mut group = siblings.start..siblings.start;
+        for subtree in self.subtrees(siblings) {
+            group = if subtree.len() >= self.least { subtree.clone() } else { group.start..subtree.end };
             if group.len() >= self.least {
                 branches.extend(self.branch(group));
-                group = next..next;
+                group = subtree.end..subtree.end;
             }
-            sibling = next;
         }
-        sibling
+        branches
     }
 }
 

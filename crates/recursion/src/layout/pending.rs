@@ -42,6 +42,17 @@ impl<X: Copy> Pending<X> {
             self.top += 1;
         }
     }
+    /// The contribution put last.
+    #[inline(always)]
+    pub(crate) fn take(&mut self) -> &X {
+        self.top -= 1;
+        &self.stack[self.top]
+    }
+    #[inline(always)]
+    pub(crate) fn put(&mut self, x: &X) {
+        self.stack[self.top] = *x;
+        self.top += 1;
+    }
     /// Adds what all children but the first gave to what is in hand from the first.
     #[inline(always)]
     pub(crate) fn gather<C>(&mut self, body: &LayoutBody<C>, hand: &mut X, add: impl Fn(&mut X, &X)) {

@@ -3,14 +3,15 @@
 use super::{Branch, Layout, LayoutBody, carve};
 use crate::hinge::{Hinge, combine};
 use crate::link::Shift;
-use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench};
+use phipsi_spatial::{Motion, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench};
 
 /// φ(p, k) of all bodies at one configuration.
 #[derive(Clone, Debug)]
 pub(crate) struct Shifts<T> {
     shift: Vec<Shift<T>>,
     general: Vec<Transform<T>>,
-    /// Of the first coordinates of some bodies. As many as bodies, so that each run of bodies has some to work with.
+    /// Of the first coordinates of some bodies, where their sines are taken together. As many as bodies, so that each run
+    /// of bodies has some to work with.
     q: Vec<T>,
     sin: Vec<T>,
     cos: Vec<T>,
@@ -19,15 +20,21 @@ pub(crate) struct Shifts<T> {
 /// Bodies whose sines are taken together: they cost less so, and stay in the nearest cache until they are used.
 pub(crate) const TOGETHER: usize = 256;
 
+/// One number has lanes for the sines of several coordinates; lanes of states are full with one.
+const fn sines_together<T: Scalar>() -> bool {
+    T::LANES == 1
+}
+
 impl<T: Scalar> Shifts<T> {
     pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
         let general = layout.bodies.iter().filter(|b| b.is_general()).count();
+        let sines = if sines_together::<T>() { layout.len() } else { 0 };
         Shifts {
             shift: layout.bodies.iter().map(|b| b.link.at_rest()).collect(),
             general: vec![Transform::identity(); general],
-            q: vec![T::zero(); layout.len()],
-            sin: vec![T::zero(); layout.len()],
-            cos: vec![T::one(); layout.len()],
+            q: vec![T::zero(); sines],
+            sin: vec![T::zero(); sines],
+            cos: vec![T::one(); sines],
         }
     }
     #[inline(always)]
@@ -78,6 +85,9 @@ impl<T: Scalar> ShiftRun<'_, T> {
     /// Takes the sines of some bodies' first coordinates, whose shifts are set next.
     #[inline(always)]
     pub(crate) fn begin(&mut self, bodies: &[LayoutBody<T::Constant>], q: &[T]) {
+        if !sines_together::<T>() {
+            return;
+        }
         let count = bodies.len();
         for (x, body) in self.q.iter_mut().zip(bodies) {
             *x = q[body.q];
@@ -94,14 +104,18 @@ impl<T: Scalar> ShiftRun<'_, T> {
     }
     /// Z(q + θ₁) of a hinge, the `i`th of the bodies that [`ShiftRun::begin`] took.
     #[inline(always)]
-    pub(crate) fn turned(&self, i: usize, body: &LayoutBody<T::Constant>) -> Turn<T> {
-        body.link.turned_by(Turn { cos: self.cos[i], sin: self.sin[i] })
+    pub(crate) fn turned(&self, i: usize, body: &LayoutBody<T::Constant>, q: &[T]) -> Turn<T> {
+        if sines_together::<T>() {
+            body.link.turned_by(Turn { cos: self.cos[i], sin: self.sin[i] })
+        } else {
+            body.link.turned(q[body.q])
+        }
     }
     /// Sets the shift of body number `k`, the `i`th of the bodies that [`ShiftRun::begin`] took.
     #[inline(always)]
     pub(crate) fn set(&mut self, k: usize, i: usize, body: &LayoutBody<T::Constant>, q: &[T]) {
         if let Hinge::Revolute = body.hinge {
-            self.shift[k].turn = self.turned(i, body);
+            self.shift[k].turn = self.turned(i, body, q);
             return;
         }
         let (shift, general) = body.link.at(&body.hinge, &q[body.q..]);
@@ -176,30 +190,6 @@ impl<T: Scalar> Passage<'_, T> {
         match self.general {
             Some(x) => x.wrench_to_parent(f),
             None => self.body.link.wrench_to_parent(self.shift, f),
-        }
-    }
-    /// R x.
-    #[inline(always)]
-    pub(crate) fn vector_to_parent(&self, x: Vec3<T>) -> Vec3<T> {
-        match self.general {
-            Some(pose) => pose.rotation * x,
-            None => self.body.link.vector_to_parent(self.shift, x),
-        }
-    }
-    /// R A Rᵀ.
-    #[inline(always)]
-    pub(crate) fn matrix_to_parent(&self, A: &Mat3<T>) -> Mat3<T> {
-        match self.general {
-            Some(pose) => pose.rotation * *A * pose.rotation.transpose(),
-            None => self.body.link.matrix_to_parent(self.shift, A),
-        }
-    }
-    /// The body's origin in the parent.
-    #[inline(always)]
-    pub(crate) fn translation(&self) -> Vec3<T> {
-        match self.general {
-            Some(pose) => pose.translation,
-            None => self.body.link.translation(self.shift),
         }
     }
     /// φ* V.

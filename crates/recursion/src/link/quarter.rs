@@ -15,13 +15,13 @@ pub(super) fn back_quarter_symmetric<T: Scalar>(m: &Sym3<T>) -> Sym3<T> {
 }
 
 #[inline(always)]
-pub(super) fn quarter_matrix<T: Scalar>(A: &Mat3<T>) -> Mat3<T> {
+fn quarter_matrix<T: Scalar>(A: &Mat3<T>) -> Mat3<T> {
     let [x, y, z] = A.0;
     Mat3([[x[0], -x[2], x[1]], [-z[0], z[2], -z[1]], [y[0], -y[2], y[1]]])
 }
 
 #[inline(always)]
-pub(super) fn back_quarter_matrix<T: Scalar>(A: &Mat3<T>) -> Mat3<T> {
+fn back_quarter_matrix<T: Scalar>(A: &Mat3<T>) -> Mat3<T> {
     let [x, y, z] = A.0;
     Mat3([[x[0], x[2], -x[1]], [z[0], z[2], -z[1]], [-y[0], -y[2], y[1]]])
 }

@@ -162,6 +162,12 @@ impl WideKernel<Fused> for SideBySide {
             let mut want = numbers[..n].to_vec();
             want[place] = Fused(0.5);
             assert_eq!(read(W::load(&numbers).with(place, Fused(0.5))), want);
+            for to in place..=n {
+                let inside = |i: usize| place <= i && i < to;
+                let want: Vec<Fused> =
+                    (0..n).map(|i| if inside(i) { numbers[i] } else { Fused(0.0) }).collect();
+                assert_eq!(read(W::load(&numbers).between(place, to)), want, "{place} to {to}");
+            }
             let mut out = vec![Fused(-1.0); n + 1];
             W::load(&numbers).store_from(place, &mut out);
             assert_eq!(out[..n - place], numbers[place..n]);
@@ -190,5 +196,40 @@ fn numbers_side_by_side_at_every_level() {
         if Level::Avx512.is_available() {
             super::x86::F64x8::dispatch(With::<Fused, super::x86::F64x8, _>::new(SideBySide));
         }
+    }
+}
+
+/// Rows of every size up to three tiles, to lanes and back to as many rows as there are states.
+#[test]
+fn rows_go_to_lanes_and_back() {
+    struct Rows;
+    impl Visitor for Rows {
+        type Output = ();
+        fn visit<T: Lanes>(self) {
+            for size in 0..13usize {
+                let numbers: Vec<f64> = (0..T::LANES * size).map(|k| k as f64 + 0.5).collect();
+                let rows: Vec<&[f64]> =
+                    (0..T::LANES).map(|lane| &numbers[lane * size..(lane + 1) * size]).collect();
+                let mut packed = vec![T::splat(-1.0); size];
+                T::dispatch(Small(|| T::pack(&rows, &mut packed)));
+                for (i, x) in packed.iter().enumerate() {
+                    (0..T::LANES).for_each(|lane| assert_eq!(x.lane(lane), rows[lane][i]));
+                }
+                for states in 0..=T::LANES {
+                    // One number more than the rows have: it is left alone.
+                    let mut out = vec![-1.0; states * size + 1];
+                    T::dispatch(Small(|| T::unpack(&packed, &mut out[..states * size])));
+                    assert_eq!(
+                        out[..states * size],
+                        numbers[..states * size],
+                        "{size} numbers, {states} states"
+                    );
+                    assert_eq!(out[states * size], -1.0);
+                }
+            }
+        }
+    }
+    for level in Level::ALL {
+        at_level(level, Rows);
     }
 }

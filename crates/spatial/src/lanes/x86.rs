@@ -4,7 +4,10 @@ use super::*;
 use crate::wide::WIDEST;
 use core::arch::x86_64::*;
 
+mod rows;
 mod six;
+
+use rows::{pack4, pack8, unpack4, unpack8};
 
 /// Runs a kernel compiled for AVX2 and FMA.
 ///
@@ -39,8 +42,9 @@ macro_rules! lanes {
         $t:ident, $n:literal, $with:ident, $set:ident, $load:ident, $store:ident,
         $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident, $sqrt:ident,
         negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident,
-        insert: $insert:ident, store_from: $store_from:ident, load_first: $load_first:ident,
-        store_first: $store_first:ident, transpose: $transpose:ident
+        insert: $insert:ident, between: $between:ident,
+        store_from: $store_from:ident, load_first: $load_first:ident,
+        store_first: $store_first:ident, transpose: $transpose:ident, pack: $pack:ident, unpack: $unpack:ident
     ) => {
         // SAFETY of this macro: a value of the type exists only after the processor was asked (see the module above).
         impl Add for $t {
@@ -146,6 +150,14 @@ macro_rules! lanes {
                 self.to_array()[i]
             }
             numbers_in_memory!();
+            #[inline(always)]
+            fn pack(rows: &[&[f64]], out: &mut [Self]) {
+                unsafe { $pack(rows, out) }
+            }
+            #[inline(always)]
+            fn unpack(x: &[Self], out: &mut [f64]) {
+                unsafe { $unpack(x, out) }
+            }
         }
         impl Wide<Fused> for $t {
             const COUNT: usize = $n;
@@ -186,6 +198,10 @@ macro_rules! lanes {
             fn with(self, lane: usize, x: Fused) -> Self {
                 unsafe { $t($insert(self.0, lane, x.0)) }
             }
+            #[inline(always)]
+            fn between(self, from: usize, to: usize) -> Self {
+                unsafe { $t($between(self.0, from, to)) }
+            }
         }
         impl Quadrants for $t {
             #[inline(always)]
@@ -217,16 +233,18 @@ lanes!(
     F64x4, 4, with_fma, _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd,
     _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd, _mm256_fmadd_pd, _mm256_sqrt_pd,
     negate: negate4, all: all_between4, size: size4, turn: turn4,
-    insert: insert4, store_from: store_from4, load_first: load_first4, store_first: store_first4,
-    transpose: transpose4
+    insert: insert4, between: between4,
+    store_from: store_from4, load_first: load_first4, store_first: store_first4,
+    transpose: transpose4, pack: pack4, unpack: unpack4
 );
 
 lanes!(
     F64x8, 8, with_avx512, _mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd,
     _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd, _mm512_div_pd, _mm512_fmadd_pd, _mm512_sqrt_pd,
     negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8,
-    insert: insert8, store_from: store_from8, load_first: load_first8, store_first: store_first8,
-    transpose: transpose8
+    insert: insert8, between: between8,
+    store_from: store_from8, load_first: load_first8, store_first: store_first8,
+    transpose: transpose8, pack: pack8, unpack: unpack8
 );
 
 // Functions, for closures cannot be made to inline. SAFETY: as in the macro.
@@ -305,6 +323,22 @@ unsafe fn insert8(x: __m512d, lane: usize, number: f64) -> __m512d {
     unsafe { _mm512_mask_broadcastsd_pd(x, 1u8.wrapping_shl(lane as u32), _mm_set_sd(number)) }
 }
 
+#[inline(always)]
+unsafe fn between4(x: __m256d, from: usize, to: usize) -> __m256d {
+    unsafe {
+        let lanes = _mm256_setr_epi64x(0, 1, 2, 3);
+        let before = _mm256_cmpgt_epi64(_mm256_set1_epi64x(from as i64), lanes);
+        let inside = _mm256_andnot_si256(before, _mm256_cmpgt_epi64(_mm256_set1_epi64x(to as i64), lanes));
+        _mm256_and_pd(x, _mm256_castsi256_pd(inside))
+    }
+}
+
+#[inline(always)]
+unsafe fn between8(x: __m512d, from: usize, to: usize) -> __m512d {
+    let mask = 0xffu32.wrapping_shl(from as u32) & !0xffu32.wrapping_shl(to as u32);
+    unsafe { _mm512_maskz_mov_pd(mask as u8, x) }
+}
+
 /// `to` has as many numbers as there are lanes from `first` on, at least one.
 #[inline(always)]
 unsafe fn store_from4(to: &mut [Fused], first: usize, x: __m256d) {
@@ -371,7 +405,8 @@ unsafe fn transpose4(tile: &mut [F64x4; WIDEST]) {
 #[inline(always)]
 unsafe fn transpose8(tile: &mut [F64x8; WIDEST]) {
     unsafe {
-        let [a, b, c, d, e, f, g, h] = tile.map(|x| x.0);
+        let [a, b, c, d, e, f, g, h] = *tile;
+        let (a, b, c, d, e, f, g, h) = (a.0, b.0, c.0, d.0, e.0, f.0, g.0, h.0);
         let even = [
             _mm512_unpacklo_pd(a, b),
             _mm512_unpacklo_pd(c, d),
@@ -385,7 +420,9 @@ unsafe fn transpose8(tile: &mut [F64x8; WIDEST]) {
             _mm512_unpackhi_pd(g, h),
         ];
         let [even, odd] = [pairs8(even), pairs8(odd)];
-        *tile = [even[0], odd[0], even[1], odd[1], even[2], odd[2], even[3], odd[3]].map(F64x8);
+        for i in 0..4 {
+            (tile[2 * i], tile[2 * i + 1]) = (F64x8(even[i]), F64x8(odd[i]));
+        }
     }
 }
 

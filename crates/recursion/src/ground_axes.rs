@@ -1,0 +1,206 @@
+//! Bodies in the axes of the ground, each about its own origin: what sweeps over pairs of joints run on.
+//!
+//! | rows | meaning |
+//! |---|---|
+//! | `AXES` | x, y, z of the body |
+//! | `OFFSET` | d: the body's origin from its parent's |
+//! | `AXIS` | S of the degree of freedom, a column of H* |
+//! | `OWN` | the body's inertia in its own axes, where bodies lie side by side |
+//! | `COMPOSITE` | R: mass, first moment and inertia, about the body's origin |
+//!
+//! φ(p, k) is a shift by d alone, six multiplications for a wrench. Only directions refer to the ground; no distance does.
+
+use crate::hinge::Hinge;
+use crate::layout::{GROUND, Layout, LayoutBody, Shifts};
+use crate::places::{Group, Places, Table, View};
+use phipsi_spatial::wide::Wide;
+use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Vec3, Wrench};
+
+pub(crate) const AXES: usize = 0;
+pub(crate) const OFFSET: usize = 9;
+pub(crate) const AXIS: usize = 12;
+const OWN: usize = 18;
+pub(crate) const COMPOSITE: usize = 28;
+/// The rows of this table; others may follow.
+pub(crate) const ROWS: usize = 38;
+
+/// The axes of a body.
+pub(crate) type Directions<T> = [Vec3<T>; 3];
+
+/// The ground's axes.
+#[inline(always)]
+pub(crate) fn ground<T: Scalar>() -> Directions<T> {
+    [Vec3::unit(0), Vec3::unit(1), Vec3::unit(2)]
+}
+
+impl<T: Scalar, const N: usize> Group<'_, T, N> {
+    #[inline(always)]
+    pub(crate) fn axes(&self) -> Directions<T> {
+        [self.vector(AXES), self.vector(AXES + 3), self.vector(AXES + 6)]
+    }
+    #[inline(always)]
+    pub(crate) fn rigid<W: Wide<T>>(&self, r: usize) -> RigidInertia<W> {
+        RigidInertia { mass: self.get(r), first_moment: self.vector(r + 1), inertia: self.symmetric(r + 4) }
+    }
+    #[inline(always)]
+    pub(crate) fn set_rigid<W: Wide<T>>(&mut self, r: usize, m: &RigidInertia<W>) {
+        self.set(r, m.mass);
+        self.set_vector(r + 1, m.first_moment);
+        self.set_symmetric(r + 4, &m.inertia);
+    }
+}
+
+/// Column i of H*, in the axes that the body's are given in.
+#[inline(always)]
+pub(crate) fn axis<T: Scalar>(hinge: &Hinge<T::Constant>, axes: &Directions<T>, i: usize) -> Motion<T> {
+    let zero = Vec3::zero();
+    if let Hinge::Revolute = hinge {
+        return Motion::new(axes[2], zero);
+    }
+    let linear = match hinge {
+        Hinge::Helical { pitch } => axes[2].scale(T::constant(*pitch)),
+        _ => zero,
+    };
+    match hinge.components()[i] {
+        c @ 0..3 => Motion::new(axes[c], linear),
+        c => Motion::new(zero, axes[c - 3]),
+    }
+}
+
+/// Puts a body into the table.
+#[inline(always)]
+pub(crate) fn set_body<T: Scalar, W: Wide<T>, const N: usize>(
+    view: &mut View<'_, T, N>,
+    at: usize,
+    body: &LayoutBody<T::Constant>,
+    axes: &Directions<T>,
+    offset: Vec3<T>,
+) {
+    let mut here = view.at(at);
+    here.set_vector(AXES, axes[0]);
+    here.set_vector(AXES + 3, axes[1]);
+    here.set_vector(AXES + 6, axes[2]);
+    here.set_vector(OFFSET, offset);
+    if W::COUNT > 1 {
+        here.set_rigid::<T>(OWN, &RigidInertia::constant(&body.inertia));
+    }
+    if let Hinge::Revolute = body.hinge {
+        here.set_vector(AXIS, axes[2]);
+        return;
+    }
+    for i in 0..body.hinge.nv() {
+        view.at(at + i).set_motion(AXIS, axis(&body.hinge, axes, i));
+    }
+}
+
+/// Axes, offsets and hinge axes of all bodies, base to tip.
+#[inline(always)]
+pub(crate) fn turn_outboard<T: Scalar, W: Wide<T>, const N: usize>(
+    layout: &Layout<T::Constant>,
+    shifts: &Shifts<T>,
+    places: &Places,
+    view: &mut View<'_, T, N>,
+) {
+    let mut previous = ground();
+    for (k, body) in layout.bodies().iter().enumerate() {
+        let inboard = match body.parent {
+            GROUND => ground(),
+            _ if body.follows_parent(k) => previous,
+            parent => view.at(places.first[parent]).axes(),
+        };
+        let (axes, offset) = shifts.at(k, body).axes_to_child(inboard);
+        set_body::<T, W, N>(view, places.first[k], body, &axes, offset);
+        previous = axes;
+    }
+}
+
+/// Does a step for all bodies, side by side where there are registers for it, from each group or body and its own inertia in
+/// the axes of the ground.
+macro_rules! each_own_inertia {
+    ($t:ty, $w:ty, $layout:expr, $places:expr, $view:expr, |$group:ident, $own:ident| $step:expr) => {
+        if <$w as Wide<$t>>::COUNT == 1 {
+            for (body, &at) in $layout.bodies().iter().zip(&$places.first) {
+                let mut $group = $view.at(at);
+                let own = RigidInertia::<$w>::constant(&body.inertia);
+                let $own = $crate::ground_axes::turned::<$t, $w, _>(&$group, &own);
+                $step;
+            }
+        } else {
+            let mut at = Places::group($places.margin, <$w as Wide<$t>>::COUNT);
+            while at < $places.count {
+                let mut $group = $view.at(at);
+                let own = $crate::ground_axes::own::<$t, $w, _>(&$group);
+                let $own = $crate::ground_axes::turned::<$t, $w, _>(&$group, &own);
+                $step;
+                at += <$w as Wide<$t>>::COUNT;
+            }
+        }
+    };
+}
+pub(crate) use each_own_inertia;
+
+/// Inertias of the bodies of a group, their own axes.
+#[inline(always)]
+pub(crate) fn own<T: Scalar, W: Wide<T>, const N: usize>(group: &Group<'_, T, N>) -> RigidInertia<W> {
+    group.rigid(OWN)
+}
+
+/// An inertia in the axes of the ground.
+#[inline(always)]
+pub(crate) fn turned<T: Scalar, W: Wide<T>, const N: usize>(
+    group: &Group<'_, T, N>,
+    own: &RigidInertia<W>,
+) -> RigidInertia<W> {
+    let axes = Mat3::from_columns(group.vector(AXES), group.vector(AXES + 3), group.vector(AXES + 6));
+    RigidInertia { mass: own.mass, first_moment: axes * own.first_moment, inertia: own.inertia.rotate(&axes) }
+}
+
+/// Rows of the first degree of freedom of every joint, copied to its others.
+#[inline(always)]
+pub(crate) fn spread<T: Scalar, const N: usize>(
+    layout: &Layout<T::Constant>,
+    places: &Places,
+    view: &mut View<'_, T, N>,
+    rows: impl Iterator<Item = usize> + Clone,
+) {
+    for (body, &first) in layout.bodies().iter().zip(&places.first) {
+        let count = body.hinge.nv();
+        if count == 1 {
+            continue;
+        }
+        for r in rows.clone() {
+            let x: T = view.at(first).get(r);
+            for i in 1..count {
+                view.at(first + i).set(r, x);
+            }
+        }
+    }
+}
+
+/// True where a column of H* may have a linear part.
+pub(crate) fn linear_axes<T: Scalar>(layout: &Layout<T::Constant>, places: &Places) -> Vec<bool> {
+    let mut linear = vec![false; places.count];
+    for (body, &first) in layout.bodies().iter().zip(&places.first) {
+        let angular = matches!(body.hinge, Hinge::Revolute | Hinge::Spherical);
+        linear[first..first + body.hinge.nv()].fill(!angular);
+    }
+    linear
+}
+
+/// S* f of a column of H*; `linear`: it may have a linear part.
+#[inline(always)]
+pub(crate) fn along<T: Scalar, W: Wide<T>>(axis: &Motion<T>, linear: bool, f: &Wrench<W>) -> W {
+    let ([x, y, z], [u, v, w]) = (axis.angular.0, f.moment.0);
+    let sum = u.fma(W::broadcast(x), v.fma(W::broadcast(y), w * W::broadcast(z)));
+    if !linear {
+        return sum;
+    }
+    let ([x, y, z], [u, v, w]) = (axis.linear.0, f.force.0);
+    u.fma(W::broadcast(x), v.fma(W::broadcast(y), w.fma(W::broadcast(z), sum)))
+}
+
+/// A table with these rows and others.
+pub(crate) fn table<T: Scalar, const N: usize>(places: &Places) -> Table<T, N> {
+    const { assert!(N >= ROWS) };
+    Table::new(places)
+}

@@ -1,0 +1,294 @@
+//! Places of degrees of freedom in registers, for matrices and for what is kept of every degree of freedom.
+//!
+//! Degrees of freedom are in the order of the layout's bodies, so that those of a body and of all outboard of it are a range of
+//! places. Places are counted in groups of [`Scalar::COLUMNS`], and the last place ends a group: the tips, which sweeps meet
+//! most often, lie in as few groups as can be. [`Table`] keeps the rows of a group together, at distances that the compiler
+//! knows.
+
+use crate::layout::Layout;
+use core::ops::Range;
+use phipsi_spatial::wide::{WIDEST, Wide};
+use phipsi_spatial::{Mat3, Motion, Scalar, Sym3, Vec3, Wrench};
+
+/// Rows that a product takes at once.
+pub(crate) const ROWS: usize = 4;
+
+/// Where degrees of freedom are.
+#[derive(Clone, Debug)]
+pub(crate) struct Places {
+    /// Place of the first degree of freedom of every body.
+    pub(crate) first: Vec<usize>,
+    /// One past the last place outboard of every body.
+    pub(crate) end: Vec<usize>,
+    /// The first place of all; those before it are empty, enough for a register that ends there.
+    pub(crate) margin: usize,
+    /// Their number.
+    pub(crate) count: usize,
+    /// From a row of a matrix to the next: an odd number of cache lines, so that numbers of a column do not crowd each other out.
+    pub(crate) stride: usize,
+    /// Degree of freedom of the model at every place.
+    dof: Vec<usize>,
+    /// True if the model's order is that of the places.
+    in_order: bool,
+}
+
+impl Places {
+    /// For matrices of `T`.
+    pub(crate) fn new<T: Scalar>(layout: &Layout<T::Constant>) -> Self {
+        let nv = layout.nv();
+        let count = (nv + T::COLUMNS - 1).next_multiple_of(T::COLUMNS.max(ROWS));
+        let margin = count - nv;
+        let stride = (count / T::COLUMNS / 2 * 2 + 1) * T::COLUMNS;
+        let (mut first, mut end, mut dof) = (Vec::new(), Vec::new(), vec![0; margin]);
+        for (body, outboard) in layout.bodies().iter().zip(&layout.outboard_dofs) {
+            first.push(dof.len());
+            end.push(dof.len() + outboard);
+            dof.extend(body.v..body.v + body.hinge.nv());
+        }
+        let in_order = (0..nv).all(|i| dof[margin + i] == i);
+        Places { first, end, margin, count, stride, dof, in_order }
+    }
+    /// The places of a body's own degrees of freedom.
+    pub(crate) fn own(&self, k: usize) -> Range<usize> {
+        self.first[k]..self.first.get(k + 1).copied().unwrap_or(self.count)
+    }
+    /// The places of a body and of all outboard of it.
+    #[inline(always)]
+    pub(crate) fn outboard(&self, k: usize) -> Range<usize> {
+        self.first[k]..self.end[k]
+    }
+    /// True if degrees of freedom follow each other also in v.
+    #[inline(always)]
+    pub(crate) fn in_order(&self) -> bool {
+        self.in_order
+    }
+    /// Degrees of freedom of a range of places.
+    #[inline(always)]
+    pub(crate) fn dofs(&self, range: Range<usize>) -> &[usize] {
+        &self.dof[range]
+    }
+    /// Pairs of a degree of freedom with one that is not inboard of it.
+    pub(crate) fn pairs(&self) -> usize {
+        (0..self.first.len()).map(|k| (self.end[k] - self.first[k]) * self.own(k).len()).sum()
+    }
+    /// A matrix of zeros.
+    pub(crate) fn zeros<T: Scalar>(&self) -> Vec<T> {
+        vec![T::zero(); self.stride * self.count]
+    }
+    /// The first place of the group in which a place is, in registers of `width`.
+    #[inline(always)]
+    pub(crate) fn group(at: usize, width: usize) -> usize {
+        at - at % width
+    }
+    /// The groups of [`ROWS`] rows.
+    pub(crate) fn blocks(&self) -> impl Iterator<Item = usize> {
+        (Self::group(self.margin, ROWS)..self.count).step_by(ROWS)
+    }
+    /// Writes a group of row `row`, from column `at` on, to the model's matrix.
+    #[inline(always)]
+    pub(crate) fn write<T: Scalar, W: Wide<T>>(&self, row: usize, at: usize, x: W, out: &mut [T]) {
+        let (nv, margin) = (self.count - self.margin, self.margin);
+        if row < margin || at + W::COUNT <= margin {
+            return;
+        }
+        if self.in_order {
+            let start = (row - margin) * nv;
+            if at >= margin {
+                x.store(&mut out[start + at - margin..][..W::COUNT]);
+            } else {
+                x.store_from(margin - at, &mut out[start..][..at + W::COUNT - margin]);
+            }
+            return;
+        }
+        if W::COUNT == 1 {
+            x.store(&mut out[self.dof[row] * nv + self.dof[at]..]);
+            return;
+        }
+        let mut numbers = [T::zero(); WIDEST];
+        x.store(&mut numbers);
+        let out = &mut out[self.dof[row] * nv..][..nv];
+        let skip = margin.saturating_sub(at);
+        for (x, &dof) in numbers.iter().zip(&self.dof[at..at + W::COUNT]).skip(skip) {
+            out[dof] = *x;
+        }
+    }
+    /// Writes a whole matrix.
+    #[inline(always)]
+    pub(crate) fn write_all<T: Scalar, W: Wide<T>>(&self, matrix: &[T], out: &mut [T]) {
+        for row in self.margin..self.count {
+            let mut at = Self::group(self.margin, W::COUNT);
+            while at < self.count {
+                self.write(row, at, W::load(&matrix[row * self.stride + at..]), out);
+                at += W::COUNT;
+            }
+        }
+    }
+    /// Fills the model's matrix below the diagonal of the places, from what is above.
+    #[inline(always)]
+    pub(crate) fn mirror<T: Scalar, W: Wide<T>>(&self, out: &mut [T]) {
+        let nv = self.count - self.margin;
+        if self.in_order {
+            return mirror::<T, W>(out, nv);
+        }
+        for row in self.margin..self.count {
+            let i = self.dof[row];
+            for column in row + 1..self.count {
+                let c = self.dof[column];
+                out[c * nv + i] = out[i * nv + c];
+            }
+        }
+    }
+}
+
+/// Copies the upper triangle to the lower one, in tiles.
+#[inline(always)]
+pub(crate) fn mirror<T: Scalar, W: Wide<T>>(out: &mut [T], nv: usize) {
+    let width = W::COUNT;
+    if width == 1 {
+        for row in 0..nv {
+            for column in row + 1..nv {
+                out[column * nv + row] = out[row * nv + column];
+            }
+        }
+        return;
+    }
+    for top in (0..nv).step_by(width) {
+        let below = width.min(nv - top);
+        for left in (0..=top).step_by(width) {
+            let mut tile = [W::zero(); WIDEST];
+            for i in 0..width.min(nv - left) {
+                tile[i] = W::load_first(&out[(left + i) * nv + top..][..below]);
+            }
+            W::transpose(&mut tile);
+            for i in 0..below {
+                let count = if left == top { i } else { width };
+                tile[i].store_first(&mut out[(top + i) * nv + left..][..count]);
+            }
+        }
+    }
+}
+
+/// `N` numbers of every place.
+#[derive(Clone, Debug)]
+pub(crate) struct Table<T, const N: usize> {
+    numbers: Vec<T>,
+    places: usize,
+}
+
+impl<T: Scalar, const N: usize> Table<T, N> {
+    pub(crate) fn new(places: &Places) -> Self {
+        // Room to begin in a cache line of its own.
+        let count = N * places.count.next_multiple_of(T::COLUMNS);
+        Table { numbers: vec![T::zero(); count + T::COLUMNS - 1], places: places.count }
+    }
+    /// Access to all rows of a group, for the time of a sweep.
+    #[inline(always)]
+    pub(crate) fn view(&mut self) -> View<'_, T, N> {
+        let start = self.numbers.as_ptr().align_offset(64).min(T::COLUMNS - 1);
+        let count = N * self.places.next_multiple_of(T::COLUMNS);
+        View { numbers: &mut self.numbers[start..start + count] }
+    }
+}
+
+/// See [`Table`].
+pub(crate) struct View<'a, T, const N: usize> {
+    numbers: &'a mut [T],
+}
+
+impl<T: Scalar, const N: usize> View<'_, T, N> {
+    /// The rows of the group in which place `at` is, from that place on.
+    #[inline(always)]
+    pub(crate) fn at(&mut self, at: usize) -> Group<'_, T, N> {
+        let start = at / T::COLUMNS * (N * T::COLUMNS);
+        Group { numbers: &mut self.numbers[start..start + N * T::COLUMNS], lane: at % T::COLUMNS }
+    }
+}
+
+/// Rows of one group, seen from one of its places. A register begins at a multiple of its own width.
+pub(crate) struct Group<'a, T, const N: usize> {
+    numbers: &'a mut [T],
+    lane: usize,
+}
+
+impl<T: Scalar, const N: usize> Group<'_, T, N> {
+    /// Index of row `r`; the mask, which changes nothing, tells the compiler that it is inside.
+    #[inline(always)]
+    fn index<W: Wide<T>>(&self, r: usize) -> usize {
+        r * T::COLUMNS + (self.lane & (T::COLUMNS - W::COUNT.min(T::COLUMNS)))
+    }
+    #[inline(always)]
+    pub(crate) fn get<W: Wide<T>>(&self, r: usize) -> W {
+        let i = self.index::<W>(r);
+        W::load(&self.numbers[..N * T::COLUMNS][i..i + W::COUNT])
+    }
+    #[inline(always)]
+    pub(crate) fn set<W: Wide<T>>(&mut self, r: usize, x: W) {
+        let i = self.index::<W>(r);
+        x.store(&mut self.numbers[..N * T::COLUMNS][i..i + W::COUNT]);
+    }
+    /// Rows `r` to `r` + 2.
+    #[inline(always)]
+    pub(crate) fn vector<W: Wide<T>>(&self, r: usize) -> Vec3<W> {
+        Vec3([self.get(r), self.get(r + 1), self.get(r + 2)])
+    }
+    #[inline(always)]
+    pub(crate) fn set_vector<W: Wide<T>>(&mut self, r: usize, x: Vec3<W>) {
+        self.set(r, x.0[0]);
+        self.set(r + 1, x.0[1]);
+        self.set(r + 2, x.0[2]);
+    }
+    /// Rows `r` to `r` + 5.
+    #[inline(always)]
+    pub(crate) fn wrench<W: Wide<T>>(&self, r: usize) -> Wrench<W> {
+        Wrench::new(self.vector(r), self.vector(r + 3))
+    }
+    #[inline(always)]
+    pub(crate) fn set_wrench<W: Wide<T>>(&mut self, r: usize, f: Wrench<W>) {
+        self.set_vector(r, f.moment);
+        self.set_vector(r + 3, f.force);
+    }
+    #[inline(always)]
+    pub(crate) fn motion<W: Wide<T>>(&self, r: usize) -> Motion<W> {
+        Motion::new(self.vector(r), self.vector(r + 3))
+    }
+    #[inline(always)]
+    pub(crate) fn set_motion<W: Wide<T>>(&mut self, r: usize, v: Motion<W>) {
+        self.set_vector(r, v.angular);
+        self.set_vector(r + 3, v.linear);
+    }
+    /// Rows `r` to `r` + 5, by columns of the upper triangle.
+    #[inline(always)]
+    pub(crate) fn symmetric<W: Wide<T>>(&self, r: usize) -> Sym3<W> {
+        let [xx, xy, xz] = self.vector(r).0;
+        let [yy, yz, zz] = self.vector(r + 3).0;
+        Sym3 { xx, xy, xz, yy, yz, zz }
+    }
+    #[inline(always)]
+    pub(crate) fn set_symmetric<W: Wide<T>>(&mut self, r: usize, m: &Sym3<W>) {
+        self.set_vector(r, Vec3([m.xx, m.xy, m.xz]));
+        self.set_vector(r + 3, Vec3([m.yy, m.yz, m.zz]));
+    }
+    /// Rows `r` to `r` + 8, by rows.
+    #[inline(always)]
+    pub(crate) fn matrix<W: Wide<T>>(&self, r: usize) -> Mat3<W> {
+        Mat3([self.vector(r).0, self.vector(r + 3).0, self.vector(r + 6).0])
+    }
+    #[inline(always)]
+    pub(crate) fn set_matrix<W: Wide<T>>(&mut self, r: usize, m: &Mat3<W>) {
+        self.set_vector(r, Vec3(m.0[0]));
+        self.set_vector(r + 3, Vec3(m.0[1]));
+        self.set_vector(r + 6, Vec3(m.0[2]));
+    }
+}
+
+/// The same vector in every place.
+#[inline(always)]
+pub(crate) fn vector<T: Scalar, W: Wide<T>>(v: Vec3<T>) -> Vec3<W> {
+    Vec3([W::broadcast(v.0[0]), W::broadcast(v.0[1]), W::broadcast(v.0[2])])
+}
+
+/// Zero outside of some places of a register.
+#[inline(always)]
+pub(crate) fn inside<T: Scalar, W: Wide<T>>(v: Vec3<W>, from: usize, to: usize) -> Vec3<W> {
+    Vec3([v.0[0].between(from, to), v.0[1].between(from, to), v.0[2].between(from, to)])
+}
