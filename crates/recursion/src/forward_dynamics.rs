@@ -14,6 +14,7 @@ use crate::articulated_sweep::{Pivot, eliminate, filter, smooth, smooth_revolute
 use crate::branching::{Given, recur};
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
+use crate::kernel::kernel;
 use crate::kinematics::{relative, relative_revolute};
 use crate::layout::{GROUND, Layout, Shifts, TOGETHER, each_kind};
 use crate::link::each_shape;
@@ -27,7 +28,7 @@ mod inward;
 mod run;
 
 pub use info::{ForwardInfo, WorstHinge, forward_info};
-use run::{Call, Filter, Run, Smoother, Sweeps};
+use run::{Call, Filter, Run, Smoother};
 
 /// What the first sweep leaves of a body.
 #[derive(Clone, Copy, Debug)]
@@ -120,23 +121,45 @@ impl<T: Scalar> ForwardDynamics<T> {
             check_length("wrenches", wrenches, layout.model_bodies())?;
             layout.gather_loads(wrenches, &mut self.loads);
         }
-        let branches = layout.branches::<T>();
-        branches.map_or(Ok(()), |whole| self.given.check(whole))?;
         out.copy_from_slice(tau);
+        let (q, v, out) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic_mut(out));
+        let loaded = wrenches.is_some();
+        let Some(branch) = layout.branches::<T>() else {
+            return T::Arithmetic::dispatch(Whole {
+                work: self,
+                layout,
+                q,
+                v,
+                loaded,
+                turning: TURNING,
+                out,
+            });
+        };
+        self.given.check(branch)?;
+        let mut run = self.all_bodies(layout, q, v, loaded, TURNING, out);
+        recur(Filter(run.again()), branch)?;
+        recur(Smoother(run), branch)
+    }
+    /// All bodies as a run.
+    #[inline(always)]
+    fn all_bodies<'a>(
+        &'a mut self,
+        layout: &'a Layout<T::Constant>,
+        q: &'a [T::Arithmetic],
+        v: &'a [T::Arithmetic],
+        loaded: bool,
+        turning: bool,
+        out: &'a mut [T::Arithmetic],
+    ) -> Run<'a, T> {
         let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity));
         // Lone states only: every state of a batch takes the steps that lanes take, for the same bits.
         let lone = core::any::TypeId::of::<T>() != core::any::TypeId::of::<T::Arithmetic>();
-        let call = Call {
-            layout,
-            q: T::arithmetic(q),
-            v: T::arithmetic(v),
-            loads: if wrenches.is_some() { Some(&self.loads[..]) } else { None },
-            ground,
-            packed: lone && Six::<T>::is_fast(),
-            turning: TURNING,
-        };
-        let mut run = Run::<T> {
-            call,
+        let loads = if loaded { Some(&self.loads[..]) } else { None };
+        let packed = lone && Six::<T>::is_fast();
+        self.given.clear();
+        self.packed.clear();
+        Run {
+            call: Call { layout, q, v, loads, ground, packed, turning },
             first: 0,
             first_v: 0,
             outside: (Vec3::zero(), ground),
@@ -144,70 +167,106 @@ impl<T: Scalar> ForwardDynamics<T> {
             moving: &mut self.moving,
             pivots: &mut self.pivots,
             alpha: &mut self.alpha,
-            residuals: T::arithmetic_mut(out),
+            residuals: out,
             given: &mut self.given,
             packed: &mut self.packed,
-        };
-        run.given.clear();
-        run.packed.clear();
-        let Some(branch) = branches else { return run.sweep(0..layout.len(), Sweeps::All) };
-        recur(Filter(run.again()), branch)?;
-        recur(Smoother(run), branch)
+        }
+    }
+}
+
+kernel! {
+    Whole<'a, T> {
+        work: &'a mut ForwardDynamics<T>,
+        layout: &'a Layout<T::Constant>,
+        q: &'a [T::Arithmetic],
+        v: &'a [T::Arithmetic],
+        loaded: bool,
+        turning: bool,
+        out: &'a mut [T::Arithmetic],
+    } -> Result<(), DynamicsError> {
+        // A run that is made here stays in registers, where its firsts are zero.
+        let mut run = work.all_bodies(layout, q, v, loaded, turning, out);
+        let numbers = 0..layout.bodies.len();
+        run.sweep_velocities::<true>(numbers.clone());
+        run.filter(numbers.clone())?;
+        run.sweep_outboard(numbers);
+        Ok(())
     }
 }
 
 impl<T: Scalar> Run<'_, T> {
+    /// Velocities outward: with the sines of `ALL` coordinates at once, or of some bodies at a time.
     #[inline(always)]
-    fn sweep_velocities(&mut self, numbers: Range<usize>) {
+    fn sweep_velocities<const ALL: bool>(&mut self, numbers: Range<usize>) {
+        let mut previous = self.outside.0;
+        if ALL {
+            self.shifts.begin_all(self.call.q);
+            self.velocities::<ALL>(numbers, previous);
+            return;
+        }
+        for start in numbers.clone().step_by(TOGETHER) {
+            let some = start..numbers.end.min(start + TOGETHER);
+            self.shifts
+                .begin(&self.call.layout.bodies[self.first + some.start..self.first + some.end], self.call.q);
+            previous = self.velocities::<ALL>(some, previous);
+        }
+    }
+
+    /// Velocities of bodies whose sines are taken; returns ω of the last.
+    #[inline(always)]
+    fn velocities<const ALL: bool>(
+        &mut self,
+        numbers: Range<usize>,
+        mut previous: Vec3<T::Arithmetic>,
+    ) -> Vec3<T::Arithmetic> {
         let Call { layout, q, v, .. } = self.call;
         let (first, end, given) = (self.first, numbers.end, self.outside.0);
         let bodies = &layout.bodies[first..first + end];
         let moving = &mut self.moving[..end];
-        let mut previous = given;
-        let mut next = numbers.start;
-        while next < end {
-            let start = next;
-            next = end.min(start + TOGETHER);
-            self.shifts.begin(&bodies[start..next], q);
-            for i in start..next {
-                let (k, body) = (first + i, &bodies[i]);
-                let inboard = if body.follows_parent(k) {
-                    previous
-                } else {
-                    match moving.get(body.parent.wrapping_sub(first)) {
-                        Some(parent) => parent.omega,
-                        None => given,
-                    }
-                };
-                if let Hinge::Revolute = body.hinge {
-                    let (turn, rate) = (self.shifts.turned(i - start, body, q), v[body.v]);
-                    self.shifts.set_turn(i, turn);
-                    if body.parent == GROUND {
-                        previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);
-                        moving[i] = Moving { omega: previous, coriolis: Motion::zero() };
-                        continue;
-                    }
-                    let shift = body.link.hinged(turn);
-                    let (carried, centripetal) = each_shape!(body.link, |link| link.carried(&shift, inboard));
-                    let (omega, coriolis) = relative_revolute(carried, centripetal, rate);
-                    moving[i] = Moving { omega, coriolis };
-                    previous = omega;
+        for i in numbers.clone() {
+            let (k, body) = (first + i, &bodies[i]);
+            let inboard = if body.follows_parent(k) {
+                previous
+            } else {
+                match moving.get(body.parent.wrapping_sub(first)) {
+                    Some(parent) => parent.omega,
+                    None => given,
+                }
+            };
+            if let Hinge::Revolute = body.hinge {
+                let (turn, rate) = (self.shifts.turned::<ALL>(i - numbers.start, body, q), v[body.v]);
+                self.shifts.set_turn(i, turn);
+                if body.parent == GROUND {
+                    previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);
+                    moving[i] = Moving { omega: previous, coriolis: Motion::zero() };
                     continue;
                 }
-                let (omega, coriolis) = each_kind!(body, |known| {
-                    self.shifts.set(i, i - start, known, q);
-                    let joint = known.hinge.expand(&v[known.v..]);
-                    if known.parent == GROUND {
-                        (joint.angular, Motion::zero())
-                    } else {
-                        let (carried, centripetal) = self.shifts.at(i, known).carried(inboard);
-                        relative(&known.hinge, carried, centripetal, joint)
-                    }
-                });
+                let shift = body.link.hinged(turn);
+                let (carried, centripetal) = each_shape!(body.link, |link| link.carried(&shift, inboard));
+                let (omega, coriolis) = relative_revolute(carried, centripetal, rate);
                 moving[i] = Moving { omega, coriolis };
                 previous = omega;
+                continue;
             }
+            let (omega, coriolis) = each_kind!(body, |known| {
+                self.shifts.set::<ALL>(i, i - numbers.start, known, q);
+                let joint = known.hinge.expand(&v[known.v..]);
+                if known.parent == GROUND {
+                    (joint.angular, Motion::zero())
+                } else {
+                    let (carried, centripetal) = self.shifts.at(i, known).carried(inboard);
+                    relative(&known.hinge, carried, centripetal, joint)
+                }
+            });
+            moving[i] = Moving { omega, coriolis };
+            previous = omega;
         }
+        previous
+    }
+
+    #[inline(always)]
+    fn filter(&mut self, numbers: Range<usize>) -> Result<(), DynamicsError> {
+        if self.call.packed { self.sweep_inboard_packed(numbers) } else { self.sweep_inboard(numbers) }
     }
 
     /// [`Self::sweep_inboard`] with the six-vectors of the state in lanes.

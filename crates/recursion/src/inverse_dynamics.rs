@@ -11,6 +11,7 @@
 use crate::branching::{Given, recur};
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::{Hinge, each_component};
+use crate::kernel::kernel;
 use crate::kinematics::relative;
 use crate::layout::{GROUND, Layout, Shifts, TOGETHER};
 use core::ops::Range;
@@ -18,7 +19,7 @@ use phipsi_spatial::{Motion, RigidInertia, Scalar, Vec3, Wrench};
 
 mod run;
 
-use run::{Call, Run, Sweeps};
+use run::{Call, Run};
 
 /// ω and α of a body.
 type Moving<T> = (Vec3<T>, Motion<T>);
@@ -80,79 +81,119 @@ impl<T: Scalar> InverseDynamics<T> {
             check_length("wrenches", wrenches, layout.model_bodies())?;
             layout.gather_loads(wrenches, &mut self.loads);
         }
-        let branches = layout.branches::<T>();
-        branches.map_or(Ok(()), |whole| self.given.check(whole))?;
-        let call = Call::<T> {
-            layout,
-            q: T::arithmetic(q),
-            v: T::arithmetic(v),
-            a: T::arithmetic(a),
-            loads: if wrenches.is_some() { Some(&self.loads[..]) } else { None },
+        let (q, v, a) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic(a));
+        let (loaded, out) = (wrenches.is_some(), T::arithmetic_mut(out));
+        let Some(branch) = layout.branches::<T>() else {
+            T::Arithmetic::dispatch(Whole { work: self, layout, q, v, a, loaded, out });
+            return Ok(());
         };
-        let ground = (Vec3::zero(), Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity)));
-        let mut run = Run {
-            call,
+        self.given.check(branch)?;
+        recur(self.all_bodies(layout, q, v, a, loaded, out), branch)
+    }
+    /// All bodies as a run.
+    #[inline(always)]
+    fn all_bodies<'a>(
+        &'a mut self,
+        layout: &'a Layout<T::Constant>,
+        q: &'a [T::Arithmetic],
+        v: &'a [T::Arithmetic],
+        a: &'a [T::Arithmetic],
+        loaded: bool,
+        out: &'a mut [T::Arithmetic],
+    ) -> Run<'a, T> {
+        let loads = if loaded { Some(&self.loads[..]) } else { None };
+        self.given.clear();
+        Run {
+            call: Call { layout, q, v, a, loads },
             first: 0,
             first_v: 0,
-            outside: ground,
+            outside: (Vec3::zero(), Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity))),
             shifts: self.shifts.run(),
             moving: &mut self.moving,
             force: &mut self.force,
-            out: T::arithmetic_mut(out),
+            out,
             given: &mut self.given,
-        };
-        run.given.clear();
-        match branches {
-            None => run.sweep(0..layout.len(), Sweeps::All),
-            Some(branch) => recur(run, branch)?,
         }
-        Ok(())
+    }
+}
+
+kernel! {
+    Whole<'a, T> {
+        work: &'a mut InverseDynamics<T>,
+        layout: &'a Layout<T::Constant>,
+        q: &'a [T::Arithmetic],
+        v: &'a [T::Arithmetic],
+        a: &'a [T::Arithmetic],
+        loaded: bool,
+        out: &'a mut [T::Arithmetic],
+    } -> () {
+        // A run that is made here stays in registers, where its firsts are zero.
+        let mut run = work.all_bodies(layout, q, v, a, loaded, out);
+        let numbers = 0..layout.bodies.len();
+        run.sweep_outboard::<true>(numbers.clone());
+        run.sweep_inboard(numbers);
     }
 }
 
 impl<T: Scalar> Run<'_, T> {
+    /// Outward: with the sines of `ALL` coordinates at once, or of some bodies at a time.
     #[inline(always)]
-    fn sweep_outboard(&mut self, numbers: Range<usize>) {
+    fn sweep_outboard<const ALL: bool>(&mut self, numbers: Range<usize>) {
+        let mut previous = self.outside;
+        if ALL {
+            self.shifts.begin_all(self.call.q);
+            self.outward::<ALL>(numbers, previous);
+            return;
+        }
+        for start in numbers.clone().step_by(TOGETHER) {
+            let some = start..numbers.end.min(start + TOGETHER);
+            self.shifts
+                .begin(&self.call.layout.bodies[self.first + some.start..self.first + some.end], self.call.q);
+            previous = self.outward::<ALL>(some, previous);
+        }
+    }
+
+    /// Motions and forces of bodies whose sines are taken; returns the motion of the last.
+    #[inline(always)]
+    fn outward<const ALL: bool>(
+        &mut self,
+        numbers: Range<usize>,
+        mut previous: Moving<T::Arithmetic>,
+    ) -> Moving<T::Arithmetic> {
         let Call { layout, q, v, a, .. } = self.call;
         let (first, end, given) = (self.first, numbers.end, self.outside);
         let bodies = &layout.bodies[first..first + end];
         let (moving, force) = (&mut self.moving[..end], &mut self.force[..end]);
-        let mut previous = given;
-        let mut next = numbers.start;
-        while next < end {
-            let start = next;
-            next = end.min(start + TOGETHER);
-            self.shifts.begin(&bodies[start..next], q);
-            for i in start..next {
-                let (k, body) = (first + i, &bodies[i]);
-                self.shifts.set(i, i - start, body, q);
-                let passage = self.shifts.at(i, body);
-                let joint = body.hinge.expand(&v[body.v..]);
-                let inboard = match body.parent {
-                    GROUND => given,
-                    _ if body.follows_parent(k) => previous,
-                    parent => moving.get(parent.wrapping_sub(first)).copied().unwrap_or(given),
-                };
-                let mut alpha = passage.motion_to_child(inboard.1) + body.hinge.expand(&a[body.v..]);
-                if matches!(body.hinge, Hinge::Planar | Hinge::Free) {
-                    alpha += body.hinge.turning(&v[body.v..]);
-                }
-                let omega = if body.parent == GROUND {
-                    joint.angular
-                } else {
-                    let (carried, centripetal) = passage.carried(inboard.0);
-                    let (omega, coriolis) = relative(&body.hinge, carried, centripetal, joint);
-                    alpha += coriolis;
-                    omega
-                };
-                let M = RigidInertia::constant(&body.inertia);
-                force[i] = M.momentum(alpha) + M.gyroscopic(omega);
-                previous = (omega, alpha);
-                if body.children > 1 {
-                    moving[i] = previous;
-                }
+        for i in numbers.clone() {
+            let (k, body) = (first + i, &bodies[i]);
+            self.shifts.set::<ALL>(i, i - numbers.start, body, q);
+            let passage = self.shifts.at(i, body);
+            let joint = body.hinge.expand(&v[body.v..]);
+            let inboard = match body.parent {
+                GROUND => given,
+                _ if body.follows_parent(k) => previous,
+                parent => moving.get(parent.wrapping_sub(first)).copied().unwrap_or(given),
+            };
+            let mut alpha = passage.motion_to_child(inboard.1) + body.hinge.expand(&a[body.v..]);
+            if matches!(body.hinge, Hinge::Planar | Hinge::Free) {
+                alpha += body.hinge.turning(&v[body.v..]);
+            }
+            let omega = if body.parent == GROUND {
+                joint.angular
+            } else {
+                let (carried, centripetal) = passage.carried(inboard.0);
+                let (omega, coriolis) = relative(&body.hinge, carried, centripetal, joint);
+                alpha += coriolis;
+                omega
+            };
+            let M = RigidInertia::constant(&body.inertia);
+            force[i] = M.momentum(alpha) + M.gyroscopic(omega);
+            previous = (omega, alpha);
+            if body.children > 1 {
+                moving[i] = previous;
             }
         }
+        previous
     }
 
     #[inline(always)]

@@ -41,9 +41,8 @@ pub(super) struct Run<'a, T: Scalar> {
 }
 
 /// Which sweeps.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) enum Sweeps {
-    All,
+#[derive(Clone, Copy)]
+enum Sweeps {
     Velocities,
     Filter,
     Smoother,
@@ -51,7 +50,7 @@ pub(super) enum Sweeps {
 
 impl<'a, T: Scalar> Run<'a, T> {
     /// Sweeps over some bodies of the run, by their numbers in it.
-    pub(super) fn sweep(&mut self, numbers: Range<usize>, which: Sweeps) -> Result<(), DynamicsError> {
+    fn sweep(&mut self, numbers: Range<usize>, which: Sweeps) -> Result<(), DynamicsError> {
         T::Arithmetic::dispatch(SweepOver { run: self, numbers, which })
     }
     /// The same run, lent.
@@ -117,18 +116,10 @@ impl<T: Scalar> Kernel for SweepOver<'_, '_, T> {
     #[inline(always)]
     fn run(self) -> Self::Output {
         let SweepOver { run, numbers, which } = self;
-        if matches!(which, Sweeps::All | Sweeps::Velocities) {
-            run.sweep_velocities(numbers.clone());
-        }
-        if matches!(which, Sweeps::All | Sweeps::Filter) {
-            if run.call.packed {
-                run.sweep_inboard_packed(numbers.clone())?;
-            } else {
-                run.sweep_inboard(numbers.clone())?;
-            }
-        }
-        if matches!(which, Sweeps::All | Sweeps::Smoother) {
-            run.sweep_outboard(numbers);
+        match which {
+            Sweeps::Velocities => run.sweep_velocities::<false>(numbers),
+            Sweeps::Filter => return run.filter(numbers),
+            Sweeps::Smoother => run.sweep_outboard(numbers),
         }
         Ok(())
     }

@@ -33,15 +33,14 @@ pub(super) struct Run<'a, T: Scalar> {
 
 /// Which sweeps.
 #[derive(Clone, Copy)]
-pub(super) enum Sweeps {
-    All,
+enum Sweeps {
     Outboard,
     Inboard,
 }
 
 impl<'a, T: Scalar> Run<'a, T> {
     /// Sweeps over some bodies of the run, by their numbers in it.
-    pub(super) fn sweep(&mut self, numbers: Range<usize>, which: Sweeps) {
+    fn sweep(&mut self, numbers: Range<usize>, which: Sweeps) {
         T::Arithmetic::dispatch(SweepOver { run: self, numbers, which });
     }
     fn numbers(&self, bodies: Range<usize>) -> Range<usize> {
@@ -60,11 +59,9 @@ impl<T: Scalar> Kernel for SweepOver<'_, '_, T> {
     #[inline(always)]
     fn run(self) {
         let SweepOver { run, numbers, which } = self;
-        if matches!(which, Sweeps::All | Sweeps::Outboard) {
-            run.sweep_outboard(numbers.clone());
-        }
-        if matches!(which, Sweeps::All | Sweeps::Inboard) {
-            run.sweep_inboard(numbers);
+        match which {
+            Sweeps::Outboard => run.sweep_outboard::<false>(numbers),
+            Sweeps::Inboard => run.sweep_inboard(numbers),
         }
     }
 }

@@ -10,14 +10,14 @@ use phipsi_spatial::{Motion, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench
 pub(crate) struct Shifts<T> {
     shift: Vec<Shift<T>>,
     general: Vec<Transform<T>>,
-    /// Of the first coordinates of some bodies, where their sines are taken together. As many as bodies, so that each run
-    /// of bodies has some to work with.
+    /// Where sines are taken together: of all coordinates, or of the first coordinates of some bodies. As many as bodies at
+    /// least, so that each run of bodies has some to work with.
     q: Vec<T>,
     sin: Vec<T>,
     cos: Vec<T>,
 }
 
-/// Bodies whose sines are taken together: they cost less so, and stay in the nearest cache until they are used.
+/// Bodies of a run whose sines are taken together: they cost less so, and stay in the nearest cache until they are used.
 pub(crate) const TOGETHER: usize = 256;
 
 /// One number has lanes for the sines of several coordinates; lanes of states are full with one.
@@ -28,20 +28,22 @@ const fn sines_together<T: Scalar>() -> bool {
 impl<T: Scalar> Shifts<T> {
     pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
         let general = layout.bodies.iter().filter(|b| b.is_general()).count();
-        let sines = if sines_together::<T>() { layout.len() } else { 0 };
+        let together = sines_together::<T>();
+        let (n, nq) = if together { (layout.len(), layout.nq()) } else { (0, 0) };
         Shifts {
             shift: layout.bodies.iter().map(|b| b.link.at_rest()).collect(),
             general: vec![Transform::identity(); general],
-            q: vec![T::zero(); sines],
-            sin: vec![T::zero(); sines],
-            cos: vec![T::one(); sines],
+            q: vec![T::zero(); n],
+            sin: vec![T::zero(); nq],
+            cos: vec![T::one(); nq],
         }
     }
     #[inline(always)]
     pub(crate) fn set_all(&mut self, layout: &Layout<T::Constant>, q: &[T]) {
         let mut run = self.run();
-        for (group, bodies) in layout.bodies.chunks(TOGETHER).enumerate() {
-            run.set_all(group * TOGETHER, bodies, q);
+        run.begin_all(q);
+        for (k, body) in layout.bodies.iter().enumerate() {
+            run.set::<true>(k, k, body, q);
         }
     }
     /// The turn of a body on a hinge.
@@ -82,6 +84,13 @@ impl<T: Scalar> ShiftRun<'_, T> {
         let ShiftRun { shift, general, first_general, q, sin, cos } = self;
         ShiftRun { shift, general, first_general: *first_general, q, sin, cos }
     }
+    /// Takes the sines of all coordinates.
+    #[inline(always)]
+    pub(crate) fn begin_all(&mut self, q: &[T]) {
+        if sines_together::<T>() {
+            T::sin_cos_all(q, self.sin, self.cos);
+        }
+    }
     /// Takes the sines of some bodies' first coordinates, whose shifts are set next.
     #[inline(always)]
     pub(crate) fn begin(&mut self, bodies: &[LayoutBody<T::Constant>], q: &[T]) {
@@ -94,28 +103,32 @@ impl<T: Scalar> ShiftRun<'_, T> {
         }
         T::sin_cos_all(&self.q[..count], &mut self.sin[..count], &mut self.cos[..count]);
     }
-    /// Sets the shifts of some bodies, from number `first` on.
+    /// Z(q + θ₁) of a hinge. Sines are those of `ALL` coordinates, or the `i`th of the bodies that [`ShiftRun::begin`] took.
     #[inline(always)]
-    pub(crate) fn set_all(&mut self, first: usize, bodies: &[LayoutBody<T::Constant>], q: &[T]) {
-        self.begin(bodies, q);
-        for (i, body) in bodies.iter().enumerate() {
-            self.set(first + i, i, body, q);
-        }
-    }
-    /// Z(q + θ₁) of a hinge, the `i`th of the bodies that [`ShiftRun::begin`] took.
-    #[inline(always)]
-    pub(crate) fn turned(&self, i: usize, body: &LayoutBody<T::Constant>, q: &[T]) -> Turn<T> {
+    pub(crate) fn turned<const ALL: bool>(
+        &self,
+        i: usize,
+        body: &LayoutBody<T::Constant>,
+        q: &[T],
+    ) -> Turn<T> {
         if sines_together::<T>() {
+            let i = if ALL { body.q } else { i };
             body.link.turned_by(Turn { cos: self.cos[i], sin: self.sin[i] })
         } else {
             body.link.turned(q[body.q])
         }
     }
-    /// Sets the shift of body number `k`, the `i`th of the bodies that [`ShiftRun::begin`] took.
+    /// Sets the shift of body number `k`; `ALL` and `i` as in [`ShiftRun::turned`].
     #[inline(always)]
-    pub(crate) fn set(&mut self, k: usize, i: usize, body: &LayoutBody<T::Constant>, q: &[T]) {
+    pub(crate) fn set<const ALL: bool>(
+        &mut self,
+        k: usize,
+        i: usize,
+        body: &LayoutBody<T::Constant>,
+        q: &[T],
+    ) {
         if let Hinge::Revolute = body.hinge {
-            self.shift[k].turn = self.turned(i, body, q);
+            self.shift[k].turn = self.turned::<ALL>(i, body, q);
             return;
         }
         let (shift, general) = body.link.at(&body.hinge, &q[body.q..]);
