@@ -136,6 +136,8 @@ impl<T: Scalar> ForwardDynamics<T> {
             });
         };
         self.given.check(branch)?;
+        self.given.clear();
+        self.packed.clear();
         let mut run = self.all_bodies(layout, q, v, loaded, TURNING, out);
         recur(Filter(run.again()), branch)?;
         recur(Smoother(run), branch)
@@ -156,8 +158,8 @@ impl<T: Scalar> ForwardDynamics<T> {
         let lone = core::any::TypeId::of::<T>() != core::any::TypeId::of::<T::Arithmetic>();
         let loads = if loaded { Some(&self.loads[..]) } else { None };
         let packed = lone && Six::<T>::is_fast();
-        self.given.clear();
-        self.packed.clear();
+        self.given.pending.clear();
+        self.packed.pending.clear();
         Run {
             call: Call { layout, q, v, loads, ground, packed, turning },
             first: 0,
@@ -188,8 +190,8 @@ kernel! {
         let mut run = work.all_bodies(layout, q, v, loaded, turning, out);
         let numbers = 0..layout.bodies.len();
         run.sweep_velocities::<true>(numbers.clone());
-        run.filter(numbers.clone())?;
-        run.sweep_outboard(numbers);
+        run.filter::<true>(numbers.clone())?;
+        run.sweep_outboard::<true>(numbers);
         Ok(())
     }
 }
@@ -197,30 +199,30 @@ kernel! {
 impl<T: Scalar> Run<'_, T> {
     /// Velocities outward: with the sines of `ALL` coordinates at once, or of some bodies at a time.
     #[inline(always)]
-    fn sweep_velocities<const ALL: bool>(&mut self, numbers: Range<usize>) {
+    fn sweep_velocities<const WHOLE: bool>(&mut self, numbers: Range<usize>) {
         let mut previous = self.outside.0;
-        if ALL {
+        if WHOLE {
             self.shifts.begin_all(self.call.q);
-            self.velocities::<ALL>(numbers, previous);
+            self.velocities::<WHOLE>(numbers, previous);
             return;
         }
         for start in numbers.clone().step_by(TOGETHER) {
             let some = start..numbers.end.min(start + TOGETHER);
             self.shifts
                 .begin(&self.call.layout.bodies[self.first + some.start..self.first + some.end], self.call.q);
-            previous = self.velocities::<ALL>(some, previous);
+            previous = self.velocities::<WHOLE>(some, previous);
         }
     }
 
     /// Velocities of bodies whose sines are taken; returns ω of the last.
     #[inline(always)]
-    fn velocities<const ALL: bool>(
+    fn velocities<const WHOLE: bool>(
         &mut self,
         numbers: Range<usize>,
         mut previous: Vec3<T::Arithmetic>,
     ) -> Vec3<T::Arithmetic> {
         let Call { layout, q, v, .. } = self.call;
-        let (first, end, given) = (self.first, numbers.end, self.outside.0);
+        let (first, end, given) = (self.first::<WHOLE>(), numbers.end, self.outside.0);
         let bodies = &layout.bodies[first..first + end];
         let moving = &mut self.moving[..end];
         for i in numbers.clone() {
@@ -234,7 +236,7 @@ impl<T: Scalar> Run<'_, T> {
                 }
             };
             if let Hinge::Revolute = body.hinge {
-                let (turn, rate) = (self.shifts.turned::<ALL>(i - numbers.start, body, q), v[body.v]);
+                let (turn, rate) = (self.shifts.turned::<WHOLE>(i - numbers.start, body, q), v[body.v]);
                 self.shifts.set_turn(i, turn);
                 if body.parent == GROUND {
                     previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);
@@ -249,7 +251,7 @@ impl<T: Scalar> Run<'_, T> {
                 continue;
             }
             let (omega, coriolis) = each_kind!(body, |known| {
-                self.shifts.set::<ALL>(i, i - numbers.start, known, q);
+                self.shifts.set::<WHOLE>(i, i - numbers.start, known, q);
                 let joint = known.hinge.expand(&v[known.v..]);
                 if known.parent == GROUND {
                     (joint.angular, Motion::zero())
@@ -265,19 +267,26 @@ impl<T: Scalar> Run<'_, T> {
     }
 
     #[inline(always)]
-    fn filter(&mut self, numbers: Range<usize>) -> Result<(), DynamicsError> {
-        if self.call.packed { self.sweep_inboard_packed(numbers) } else { self.sweep_inboard(numbers) }
+    fn filter<const WHOLE: bool>(&mut self, numbers: Range<usize>) -> Result<(), DynamicsError> {
+        if self.call.packed {
+            self.sweep_inboard_packed::<WHOLE>(numbers)
+        } else {
+            self.sweep_inboard::<WHOLE>(numbers)
+        }
     }
 
     /// [`Self::sweep_inboard`] with the six-vectors of the state in lanes.
     #[inline(always)]
-    fn sweep_inboard_packed(&mut self, numbers: Range<usize>) -> Result<(), DynamicsError> {
+    fn sweep_inboard_packed<const WHOLE: bool>(
+        &mut self,
+        numbers: Range<usize>,
+    ) -> Result<(), DynamicsError> {
         let Call { layout, loads, .. } = self.call;
-        let (first, end) = (self.first, numbers.end);
+        let (first, first_v, end) = (self.first::<WHOLE>(), self.first_v::<WHOLE>(), numbers.end);
         let (bodies, rigid) = (&layout.bodies[first..first + end], &layout.rigid[first..first + end]);
         let moving = &self.moving[..end];
-        let (pivots, residuals, first_v) = (&mut *self.pivots, &mut *self.residuals, self.first_v);
-        let mut hand: Packed<Six<T>> = self.packed.hand;
+        let (pivots, residuals) = (&mut *self.pivots, &mut *self.residuals);
+        let mut hand: Packed<Six<T>> = if WHOLE { Packed::zero::<T::Arithmetic>() } else { self.packed.hand };
         for i in numbers.rev() {
             let (k, body) = (first + i, &bodies[i]);
             let v = body.v - first_v;
@@ -341,18 +350,21 @@ impl<T: Scalar> Run<'_, T> {
                 self.packed.pending.give(k, body, &mut hand, moved);
             }
         }
-        self.packed.hand = hand;
+        if !WHOLE {
+            self.packed.hand = hand;
+        }
         Ok(())
     }
 
     /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after, or θ̈ + c without `turning`.
     #[inline(always)]
-    fn sweep_outboard(&mut self, numbers: Range<usize>) {
+    fn sweep_outboard<const WHOLE: bool>(&mut self, numbers: Range<usize>) {
         let Call { layout, v, turning, .. } = self.call;
-        let (first, end, given) = (self.first, numbers.end, self.outside.1);
+        let (first, first_v) = (self.first::<WHOLE>(), self.first_v::<WHOLE>());
+        let (end, given) = (numbers.end, self.outside.1);
         let bodies = &layout.bodies[first..first + end];
         let (moving, alpha_of) = (&self.moving[..end], &mut self.alpha[..end]);
-        let (pivots, residuals, first_v) = (&*self.pivots, &mut *self.residuals, self.first_v);
+        let (pivots, residuals) = (&*self.pivots, &mut *self.residuals);
         let mut previous = given;
         for i in numbers {
             let (k, body) = (first + i, &bodies[i]);

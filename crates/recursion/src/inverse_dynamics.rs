@@ -88,6 +88,7 @@ impl<T: Scalar> InverseDynamics<T> {
             return Ok(());
         };
         self.given.check(branch)?;
+        self.given.clear();
         recur(self.all_bodies(layout, q, v, a, loaded, out), branch)
     }
     /// All bodies as a run.
@@ -102,7 +103,7 @@ impl<T: Scalar> InverseDynamics<T> {
         out: &'a mut [T::Arithmetic],
     ) -> Run<'a, T> {
         let loads = if loaded { Some(&self.loads[..]) } else { None };
-        self.given.clear();
+        self.given.pending.clear();
         Run {
             call: Call { layout, q, v, a, loads },
             first: 0,
@@ -131,47 +132,48 @@ kernel! {
         let mut run = work.all_bodies(layout, q, v, a, loaded, out);
         let numbers = 0..layout.bodies.len();
         run.sweep_outboard::<true>(numbers.clone());
-        run.sweep_inboard(numbers);
+        run.sweep_inboard::<true>(numbers);
     }
 }
 
 impl<T: Scalar> Run<'_, T> {
     /// Outward: with the sines of `ALL` coordinates at once, or of some bodies at a time.
     #[inline(always)]
-    fn sweep_outboard<const ALL: bool>(&mut self, numbers: Range<usize>) {
+    fn sweep_outboard<const WHOLE: bool>(&mut self, numbers: Range<usize>) {
         let mut previous = self.outside;
-        if ALL {
+        if WHOLE {
             self.shifts.begin_all(self.call.q);
-            self.outward::<ALL>(numbers, previous);
+            self.outward::<WHOLE>(numbers, previous);
             return;
         }
         for start in numbers.clone().step_by(TOGETHER) {
             let some = start..numbers.end.min(start + TOGETHER);
             self.shifts
                 .begin(&self.call.layout.bodies[self.first + some.start..self.first + some.end], self.call.q);
-            previous = self.outward::<ALL>(some, previous);
+            previous = self.outward::<WHOLE>(some, previous);
         }
     }
 
     /// Motions and forces of bodies whose sines are taken; returns the motion of the last.
     #[inline(always)]
-    fn outward<const ALL: bool>(
+    fn outward<const WHOLE: bool>(
         &mut self,
         numbers: Range<usize>,
         mut previous: Moving<T::Arithmetic>,
     ) -> Moving<T::Arithmetic> {
         let Call { layout, q, v, a, .. } = self.call;
-        let (first, end, given) = (self.first, numbers.end, self.outside);
+        let (first, end, given) = (self.first::<WHOLE>(), numbers.end, self.outside);
         let bodies = &layout.bodies[first..first + end];
         let (moving, force) = (&mut self.moving[..end], &mut self.force[..end]);
         for i in numbers.clone() {
             let (k, body) = (first + i, &bodies[i]);
-            self.shifts.set::<ALL>(i, i - numbers.start, body, q);
+            self.shifts.set::<WHOLE>(i, i - numbers.start, body, q);
             let passage = self.shifts.at(i, body);
             let joint = body.hinge.expand(&v[body.v..]);
             let inboard = match body.parent {
                 GROUND => given,
                 _ if body.follows_parent(k) => previous,
+                parent if WHOLE => moving[parent],
                 parent => moving.get(parent.wrapping_sub(first)).copied().unwrap_or(given),
             };
             let mut alpha = passage.motion_to_child(inboard.1) + body.hinge.expand(&a[body.v..]);
@@ -197,12 +199,12 @@ impl<T: Scalar> Run<'_, T> {
     }
 
     #[inline(always)]
-    fn sweep_inboard(&mut self, numbers: Range<usize>) {
+    fn sweep_inboard<const WHOLE: bool>(&mut self, numbers: Range<usize>) {
         let Call { layout, loads, .. } = self.call;
-        let (first, end) = (self.first, numbers.end);
+        let (first, first_v, end) = (self.first::<WHOLE>(), self.first_v::<WHOLE>(), numbers.end);
         let bodies = &layout.bodies[first..first + end];
-        let (force, out, first_v) = (&self.force[..end], &mut *self.out, self.first_v);
-        let mut hand = self.given.hand;
+        let (force, out) = (&self.force[..end], &mut *self.out);
+        let mut hand = if WHOLE { Wrench::zero() } else { self.given.hand };
         for i in numbers.rev() {
             let (k, body) = (first + i, &bodies[i]);
             let own = force[i];
@@ -217,7 +219,9 @@ impl<T: Scalar> Run<'_, T> {
                 self.given.pending.give(k, body, &mut hand, self.shifts.at(i, body).wrench_to_parent(f));
             }
         }
-        self.given.hand = hand;
+        if !WHOLE {
+            self.given.hand = hand;
+        }
     }
 }
 

@@ -19,8 +19,11 @@ impl<T: Scalar> Run<'_, T> {
     /// P and z of the present body stay in memory, for they are more than the registers hold: what a branch of the program
     /// would hand on in registers goes to the stack and back.
     #[inline(always)]
-    pub(super) fn sweep_inboard(&mut self, numbers: Range<usize>) -> Result<(), DynamicsError> {
-        let (layout, first) = (self.call.layout, self.first);
+    pub(super) fn sweep_inboard<const WHOLE: bool>(
+        &mut self,
+        numbers: Range<usize>,
+    ) -> Result<(), DynamicsError> {
+        let (layout, first) = (self.call.layout, self.first::<WHOLE>());
         let bodies = &layout.bodies[first..first + numbers.end];
         let nothing = RigidInertia::zero();
         for i in numbers.rev() {
@@ -35,9 +38,9 @@ impl<T: Scalar> Run<'_, T> {
             // What goes to the next body gets its own inertia, too.
             let own = if body.follows_parent(k) { &layout.bodies[body.parent].inertia } else { &nothing };
             match body.hinge {
-                Hinge::Revolute => self.filter_revolute_body(i, body, own)?,
-                Hinge::Prismatic => self.filter_prismatic_body(i, body, own)?,
-                _ => each_kind!(body, |known| self.filter_body(i, known, own))?,
+                Hinge::Revolute => self.filter_revolute_body::<WHOLE>(i, body, own)?,
+                Hinge::Prismatic => self.filter_prismatic_body::<WHOLE>(i, body, own)?,
+                _ => each_kind!(body, |known| self.filter_body::<WHOLE>(i, known, own))?,
             }
             if body.parent != GROUND && !body.follows_parent(k) {
                 self.given.pending.put(&self.given.hand);
@@ -47,28 +50,28 @@ impl<T: Scalar> Run<'_, T> {
     }
     /// Σ φ z⁺ + b.
     #[inline(always)]
-    fn bias(&self, i: usize, body: &LayoutBody<T::Constant>) -> Wrench<T::Arithmetic> {
+    fn bias<const WHOLE: bool>(&self, i: usize, body: &LayoutBody<T::Constant>) -> Wrench<T::Arithmetic> {
         let z = RigidInertia::constant(&body.inertia).gyroscopic(self.moving[i].omega) + self.given.hand.1;
         match self.call.loads {
-            Some(loads) => z + loads[self.first + i],
+            Some(loads) => z + loads[self.first::<WHOLE>() + i],
             None => z,
         }
     }
     #[inline(always)]
-    fn filter_revolute_body(
+    fn filter_revolute_body<const WHOLE: bool>(
         &mut self,
         i: usize,
         body: &LayoutBody<T::Constant>,
         own: &RigidInertia<T::Constant>,
     ) -> Result<(), DynamicsError> {
-        let v = body.v - self.first_v;
+        let v = body.v - self.first_v::<WHOLE>();
         let pivot = match revolute_pivot(&self.given.hand.0) {
             Ok(pivot) => pivot,
             Err((component, D)) => return Err(self.call.layout.singular(body.v + component, D)),
         };
         self.pivots[v] = pivot;
         let coriolis = self.moving[i].coriolis;
-        let mut z = self.bias(i, body);
+        let mut z = self.bias::<WHOLE>(i, body);
         if body.parent == GROUND {
             self.residuals[v] = filter_revolute(&pivot, &mut z, self.residuals[v]);
             return Ok(());
@@ -85,20 +88,20 @@ impl<T: Scalar> Run<'_, T> {
         Ok(())
     }
     #[inline(always)]
-    fn filter_prismatic_body(
+    fn filter_prismatic_body<const WHOLE: bool>(
         &mut self,
         i: usize,
         body: &LayoutBody<T::Constant>,
         own: &RigidInertia<T::Constant>,
     ) -> Result<(), DynamicsError> {
-        let v = body.v - self.first_v;
+        let v = body.v - self.first_v::<WHOLE>();
         let pivot = match prismatic_pivot(&self.given.hand.0) {
             Ok(pivot) => pivot,
             Err((component, D)) => return Err(self.call.layout.singular(body.v + component, D)),
         };
         self.pivots[v] = pivot;
         let coriolis = self.moving[i].coriolis;
-        let mut z = self.bias(i, body);
+        let mut z = self.bias::<WHOLE>(i, body);
         if body.parent == GROUND {
             self.residuals[v] = filter_prismatic(&pivot, &mut z, self.residuals[v]);
             return Ok(());
@@ -117,7 +120,7 @@ impl<T: Scalar> Run<'_, T> {
         Ok(())
     }
     #[inline(always)]
-    fn filter_body(
+    fn filter_body<const WHOLE: bool>(
         &mut self,
         i: usize,
         body: &LayoutBody<T::Constant>,
@@ -125,11 +128,11 @@ impl<T: Scalar> Run<'_, T> {
     ) -> Result<(), DynamicsError> {
         let coriolis = self.moving[i].coriolis;
         let P = self.given.hand.0;
-        let mut z = self.bias(i, body);
+        let mut z = self.bias::<WHOLE>(i, body);
         if body.parent != GROUND {
             z += P.times(coriolis);
         }
-        let v = body.v - self.first_v;
+        let v = body.v - self.first_v::<WHOLE>();
         let dofs = v..v + body.hinge.nv();
         let pivots = &mut self.pivots[dofs.clone()];
         let passage = self.shifts.at(i, body);

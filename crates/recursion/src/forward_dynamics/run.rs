@@ -67,6 +67,16 @@ impl<'a, T: Scalar> Run<'a, T> {
             ..*self
         }
     }
+    /// Its first body: of all bodies, a constant.
+    #[inline(always)]
+    pub(super) fn first<const WHOLE: bool>(&self) -> usize {
+        if WHOLE { 0 } else { self.first }
+    }
+    /// Its first degree of freedom.
+    #[inline(always)]
+    pub(super) fn first_v<const WHOLE: bool>(&self) -> usize {
+        if WHOLE { 0 } else { self.first_v }
+    }
     fn numbers(&self, bodies: Range<usize>) -> Range<usize> {
         bodies.start - self.first..bodies.end - self.first
     }
@@ -118,8 +128,8 @@ impl<T: Scalar> Kernel for SweepOver<'_, '_, T> {
         let SweepOver { run, numbers, which } = self;
         match which {
             Sweeps::Velocities => run.sweep_velocities::<false>(numbers),
-            Sweeps::Filter => return run.filter(numbers),
-            Sweeps::Smoother => run.sweep_outboard(numbers),
+            Sweeps::Filter => return run.filter::<false>(numbers),
+            Sweeps::Smoother => run.sweep_outboard::<false>(numbers),
         }
         Ok(())
     }

@@ -43,6 +43,16 @@ impl<'a, T: Scalar> Run<'a, T> {
     fn sweep(&mut self, numbers: Range<usize>, which: Sweeps) {
         T::Arithmetic::dispatch(SweepOver { run: self, numbers, which });
     }
+    /// Its first body: of all bodies, a constant.
+    #[inline(always)]
+    pub(super) fn first<const WHOLE: bool>(&self) -> usize {
+        if WHOLE { 0 } else { self.first }
+    }
+    /// Its first degree of freedom.
+    #[inline(always)]
+    pub(super) fn first_v<const WHOLE: bool>(&self) -> usize {
+        if WHOLE { 0 } else { self.first_v }
+    }
     fn numbers(&self, bodies: Range<usize>) -> Range<usize> {
         bodies.start - self.first..bodies.end - self.first
     }
@@ -61,7 +71,7 @@ impl<T: Scalar> Kernel for SweepOver<'_, '_, T> {
         let SweepOver { run, numbers, which } = self;
         match which {
             Sweeps::Outboard => run.sweep_outboard::<false>(numbers),
-            Sweeps::Inboard => run.sweep_inboard(numbers),
+            Sweeps::Inboard => run.sweep_inboard::<false>(numbers),
         }
     }
 }
