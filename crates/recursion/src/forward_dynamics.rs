@@ -227,13 +227,11 @@ impl<T: Scalar> Run<'_, T> {
         let moving = &mut self.moving[..end];
         for i in numbers.clone() {
             let (k, body) = (first + i, &bodies[i]);
-            let inboard = if body.follows_parent(k) {
-                previous
-            } else {
-                match moving.get(body.parent.wrapping_sub(first)) {
-                    Some(parent) => parent.omega,
-                    None => given,
-                }
+            let inboard = match body.parent {
+                GROUND => given,
+                _ if body.follows_parent(k) => previous,
+                parent if WHOLE => moving[parent].omega,
+                parent => moving.get(parent.wrapping_sub(first)).map_or(given, |parent| parent.omega),
             };
             if let Hinge::Revolute = body.hinge {
                 let (turn, rate) = (self.shifts.turned::<WHOLE>(i - numbers.start, body, q), v[body.v]);
@@ -368,13 +366,11 @@ impl<T: Scalar> Run<'_, T> {
         let mut previous = given;
         for i in numbers {
             let (k, body) = (first + i, &bodies[i]);
-            let inboard = if body.follows_parent(k) {
-                previous
-            } else {
-                match alpha_of.get(body.parent.wrapping_sub(first)) {
-                    Some(parent) => *parent,
-                    None => given,
-                }
+            let inboard = match body.parent {
+                GROUND => given,
+                _ if body.follows_parent(k) => previous,
+                parent if WHOLE => alpha_of[parent],
+                parent => alpha_of.get(parent.wrapping_sub(first)).copied().unwrap_or(given),
             };
             let at = body.v - first_v;
             let mut alpha;
