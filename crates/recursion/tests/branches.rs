@@ -112,7 +112,14 @@ fn large_trees_are_cut_and_give_the_same_bits() {
     let n = 50_000;
     let hinge = JointKind::Revolute { axis: [0.0, 0.0, 1.0] };
     let before = |k: usize| k.checked_sub(1);
-    let shapes: [(&str, bool, Model); 7] = [
+    // A hub on a root, arms on it, the last the shortest; on the root a rod, the last of all. This order is kept.
+    let hub = |k: usize| match k {
+        0 => None,
+        1 => Some(0),
+        _ if k == n - 1 => Some(0),
+        _ => Some(if (k - 2) % 12_500 == 0 { 1 } else { k - 1 }),
+    };
+    let shapes: [(&str, bool, Model); 8] = [
         ("chain", false, rods(n, hinge, before)),
         ("binary tree", true, rods(n, hinge, |k| (k > 0).then(|| (k - 1) / 2))),
         ("comb, short teeth", false, rods(n, hinge, |k| k.checked_sub(if k % 4 == 0 { 4 } else { 1 }))),
@@ -122,6 +129,7 @@ fn large_trees_are_cut_and_give_the_same_bits() {
             true,
             rods(n, hinge, |k| if (k - 1.min(k)) % 781 == 0 { (k > 0).then_some(0) } else { before(k) }),
         ),
+        ("arms on a hub", true, rods(n, hinge, hub)),
         ("star", true, rods(n, hinge, |k| (k > 0).then_some(0))),
         ("free bodies", true, rods(n, JointKind::Free, |k| if k % 3 == 0 { None } else { before(k) })),
     ];
