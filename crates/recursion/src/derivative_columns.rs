@@ -10,7 +10,7 @@
 
 use crate::ground_axes::{AXIS, OFFSET, along, linear_axes};
 use crate::inverse_dynamics_derivatives::{
-    COLUMNS, DRIFT, FORCE, POSITION_RATE, PSI, ROWS as ALL, VELOCITY_RATE,
+    COLUMNS, DIAGONAL, DRIFT, FORCE, POSITION_RATE, PSI, ROWS as ALL, VELOCITY_RATE,
 };
 use crate::layout::{GROUND, Layout, LayoutBody};
 use crate::places::{Group, Places, View, inside, vector};
@@ -229,6 +229,10 @@ fn meet<T: Scalar, W: Wide<T>, const TURNING: bool, const MANY: bool>(
             column.shift(d, inside(vector::<T, W>(drift), from, to), &mut view.at(at));
         }
         at += W::COUNT;
+    }
+    for here in first..inner {
+        // The axis does not turn its own force: exactly so, where the columns have the difference of what rounds.
+        d_dq[here * s + here] = view.at(here).get(DIAGONAL);
     }
 }
 

@@ -26,7 +26,7 @@ use crate::error::{DynamicsError, check_length};
 use crate::ground_axes::{self, AXIS, COMPOSITE, Directions, OFFSET, each_own_inertia, set_body, spread};
 use crate::hinge::{Hinge, combine};
 use crate::layout::{GROUND, Layout, Shifts};
-use crate::places::{Group, Places, Table, View};
+use crate::places::{Group, Places, Table, View, mirror};
 use core::marker::PhantomData;
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Sym3, Vec3, Wrench};
@@ -58,7 +58,9 @@ pub(crate) const POSITION_RATE: usize = PSI + 3;
 pub(crate) const VELOCITY_RATE: usize = POSITION_RATE + 6;
 /// The columns of [`crate::derivative_columns`].
 pub(crate) const COLUMNS: usize = VELOCITY_RATE + 6;
-pub(crate) const ROWS: usize = COLUMNS + crate::derivative_columns::ROWS;
+/// ∂T/∂q of the degree of freedom's own force by its own coordinate.
+pub(crate) const DIAGONAL: usize = COLUMNS + crate::derivative_columns::ROWS;
+pub(crate) const ROWS: usize = DIAGONAL + 1;
 
 /// Motion of a body, as its children need it.
 #[derive(Clone, Copy, Debug)]
@@ -107,7 +109,8 @@ impl<T: Scalar> InverseDynamicsDerivatives<T> {
     /// O(n · depth) besides writing the zeros; no allocation.
     ///
     /// # Accuracy
-    /// n·ε·κ; only speeds of bodies against their parents enter.
+    /// n·ε·κ; only speeds of bodies against their parents enter. Entries that vanish because axes are parallel come out as the
+    /// rounding of their terms.
     ///
     /// # Errors
     /// [`DynamicsError::Shape`]; [`DynamicsError::Closure`] if the model has closures.
@@ -162,11 +165,11 @@ impl<T: Scalar> WideKernel<T> for Derive<'_, T> {
         let Derive { shifts, sweeps, layout, q, v, a, out: [d_dq, d_dv, d_da] } = self;
         shifts.set_all(layout, q);
         sweeps.run::<true, W>(layout, shifts, v, a);
-        let (places, derivatives) = (&sweeps.places, &sweeps.meetings);
+        let (places, derivatives) = (&sweeps.places, &mut sweeps.meetings);
+        mirror::<T, W>(&mut derivatives.d_da, places.count, places.stride);
         places.write_all::<T, W>(&derivatives.d_dq, d_dq);
         places.write_all::<T, W>(&derivatives.d_dv, d_dv);
         places.write_all::<T, W>(&derivatives.d_da, d_da);
-        places.mirror::<T, W>(d_da);
     }
 }
 
@@ -357,6 +360,12 @@ fn begin_columns<T: Scalar, W: Wide<T>, const TURNING: bool, const LINEAR: bool>
     }
     let of_position = M.momentum(position) + composite.gyroscopic(psi);
     let turned = Motion::new(s, b).cross_wrench(composite.force);
+    let mut diagonal = s.dot(of_position.moment);
+    if LINEAR {
+        diagonal += b.dot(of_position.force);
+    }
+    // One zero, whether or not the terms of linear axes are there.
+    group.set(DIAGONAL, diagonal + W::zero());
     group.set_vector(PSI, psi);
     group.set_motion(POSITION_RATE, position);
     group.set_motion(VELOCITY_RATE, velocity);

@@ -152,7 +152,7 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
             }
         }
         if *dense {
-            mirror::<_, W>(matrix.out, layout.nv());
+            mirror::<_, W>(matrix.out, layout.nv(), layout.nv());
         }
     }
 }

@@ -123,46 +123,31 @@ impl Places {
             }
         }
     }
-    /// Fills the model's matrix below the diagonal of the places, from what is above.
-    #[inline(always)]
-    pub(crate) fn mirror<T: Scalar, W: Wide<T>>(&self, out: &mut [T]) {
-        let nv = self.count - self.margin;
-        if self.in_order {
-            return mirror::<T, W>(out, nv);
-        }
-        for row in self.margin..self.count {
-            let i = self.dof[row];
-            for column in row + 1..self.count {
-                let c = self.dof[column];
-                out[c * nv + i] = out[i * nv + c];
-            }
-        }
-    }
 }
 
-/// Copies the upper triangle to the lower one, in tiles.
+/// Copies the upper triangle of a matrix of `n` rows to the lower one, in tiles.
 #[inline(always)]
-pub(crate) fn mirror<T: Scalar, W: Wide<T>>(out: &mut [T], nv: usize) {
+pub(crate) fn mirror<T: Scalar, W: Wide<T>>(out: &mut [T], n: usize, stride: usize) {
     let width = W::COUNT;
     if width == 1 {
-        for row in 0..nv {
-            for column in row + 1..nv {
-                out[column * nv + row] = out[row * nv + column];
+        for row in 0..n {
+            for column in row + 1..n {
+                out[column * stride + row] = out[row * stride + column];
             }
         }
         return;
     }
-    for top in (0..nv).step_by(width) {
-        let below = width.min(nv - top);
+    for top in (0..n).step_by(width) {
+        let below = width.min(n - top);
         for left in (0..=top).step_by(width) {
             let mut tile = [W::zero(); WIDEST];
-            for i in 0..width.min(nv - left) {
-                tile[i] = W::load_first(&out[(left + i) * nv + top..][..below]);
+            for i in 0..width.min(n - left) {
+                tile[i] = W::load_first(&out[(left + i) * stride + top..][..below]);
             }
             W::transpose(&mut tile);
             for i in 0..below {
                 let count = if left == top { i } else { width };
-                tile[i].store_first(&mut out[(top + i) * nv + left..][..count]);
+                tile[i].store_first(&mut out[(top + i) * stride + left..][..count]);
             }
         }
     }

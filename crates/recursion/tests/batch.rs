@@ -276,7 +276,7 @@ fn accelerations() {
                 slow::kinematics(&case.model, &widened(&case.q), &widened(&case.v), &widened(&case.a));
             motions.iter().flat_map(|m| m.acceleration.to_array()).collect()
         },
-        |case, size| {
+        |case, _, size| {
             // The reference's ω̇ is a difference of terms of size ω².
             let speed: f64 = case.v.iter().map(|v| v.abs()).sum();
             size.iter_mut().for_each(|x| *x += 16.0 * f64::EPSILON * speed * speed);
@@ -302,7 +302,7 @@ fn forward_dynamics() {
             let (q, v, tau) = (widened(&case.q), widened(&case.v), widened(&case.tau));
             slow::forward_dynamics(&case.model, &q, &v, &tau, None).expect("generated trees are regular")
         },
-        |case, size| {
+        |case, _, size| {
             let growth = growth(case);
             size.iter_mut().for_each(|x| *x *= growth);
         },

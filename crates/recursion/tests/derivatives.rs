@@ -75,30 +75,37 @@ fn floor(size: &mut [f64], rows: &[f64], columns: &[f64], part: f64, rest: f64) 
     }
 }
 
+/// Sum of the rates of the joints.
+fn speed(case: &Case) -> f64 {
+    case.v.iter().map(|v| v.abs()).sum()
+}
+
 /// What the reference rounds in units of the rounding ε of the kernel: double-double ε of terms with the squares of all speeds.
 fn reference(case: &Case, epsilon: f64) -> f64 {
-    let speed: f64 = case.v.iter().map(|v| v.abs()).sum();
-    16.0 * Dd::EPSILON / epsilon * (1.0 + speed * speed)
+    16.0 * Dd::EPSILON / epsilon * (1.0 + speed(case).powi(2))
 }
 
 /// [`floor`] for each of the three derivatives of inverse dynamics.
 fn inverse_floors(case: &Case, size: &mut [f64], part: f64, epsilon: f64) {
     let (force, _) = units(case);
     let rest = reference(case, epsilon);
-    for matrix in size.chunks_exact_mut(force.len() * force.len()) {
-        floor(matrix, &force, &force, part, rest);
+    // An axis turns itself by nothing: ω × s vanishes, but in the axes of the ground its products round. In a matrix that vanishes
+    // altogether no entry shows their size, which is that of the rates.
+    let turning = [0.0, part * speed(case), 0.0];
+    for (matrix, turning) in size.chunks_exact_mut(force.len() * force.len()).zip(turning) {
+        floor(matrix, &force, &force, part, rest + turning);
     }
 }
 
 /// −M⁻¹ ∂T: the forces' derivatives round by their own κ, which M⁻¹ carries to the accelerations, also where it cancels what
 /// a joint with all six degrees of freedom keeps from its parent.
-fn through_inverse(case: &Case, size: &mut [f64]) {
+fn through_inverse(case: &Case, samples: usize, size: &mut [f64]) {
     let nv = case.model.nv();
     let (q, v, tau) = (widened(&case.q), widened(&case.v), widened(&case.tau));
     let a = slow::forward_dynamics(&case.model, &q, &v, &tau, Some(&wide_wrenches(case)));
     let a = a.expect("generated trees are regular").iter().map(|x| x.hi).collect();
     let moving = Case { a, ..case.clone() };
-    let (_, mut forces) = sensitivity(&moving, SAMPLES, 0, slow_inverse);
+    let (_, mut forces) = sensitivity(&moving, samples, 0, slow_inverse);
     inverse_floors(&moving, &mut forces, PART, f64::EPSILON);
     let inverse = slow::mass_matrix_inverse(&case.model, &q).expect("generated trees are regular");
     for (matrix, forces) in size.chunks_exact_mut(nv * nv).zip(forces.chunks_exact(nv * nv)) {
@@ -110,11 +117,11 @@ fn through_inverse(case: &Case, size: &mut [f64]) {
 }
 
 /// The same for forward dynamics: rows are accelerations.
-fn forward_floors(case: &Case, size: &mut [f64], part: f64, epsilon: f64) {
+fn forward_floors(case: &Case, samples: usize, size: &mut [f64], part: f64, epsilon: f64) {
     let (force, acceleration) = units(case);
     let n = force.len() * force.len();
     let rest = reference(case, epsilon);
-    through_inverse(case, &mut size[..2 * n]);
+    through_inverse(case, samples, &mut size[..2 * n]);
     floor(&mut size[..n], &acceleration, &force, part, rest);
     floor(&mut size[n..2 * n], &acceleration, &force, part, rest);
     floor(&mut size[2 * n..], &acceleration, &acceleration, part, rest);
@@ -131,7 +138,7 @@ fn derivatives_of_inverse_dynamics() {
             inverse_dynamics_derivatives(layout, &case.q, &case.v, &case.a, wrenches).map(joined)
         },
         slow_inverse,
-        |case, size| inverse_floors(case, size, PART, f64::EPSILON),
+        |case, _, size| inverse_floors(case, size, PART, f64::EPSILON),
     );
 }
 
@@ -146,8 +153,8 @@ fn derivatives_of_forward_dynamics() {
             forward_dynamics_derivatives(layout, &case.q, &case.v, &case.tau, wrenches).map(joined)
         },
         slow_forward,
-        |case, size| {
-            forward_floors(case, size, PART, f64::EPSILON);
+        |case, samples, size| {
+            forward_floors(case, samples, size, PART, f64::EPSILON);
             let growth = growth(case);
             size.iter_mut().for_each(|x| *x *= growth);
         },
@@ -165,7 +172,7 @@ fn innovations_operator() {
             let operator = slow::innovations_operator(&case.model, &widened(&case.q));
             operator.expect("generated trees are regular").transpose().as_slice().into()
         },
-        |case, size| {
+        |case, _, size| {
             let (force, _) = units(case);
             let inverse: Vec<f64> = force.iter().map(|x| x.recip()).collect();
             floor(size, &force, &inverse, PART, reference(case, f64::EPSILON));
@@ -188,7 +195,7 @@ fn check<T: Real>(seed: u64, case: &Case, loss: f64, part: f64) {
     let got = joined(inverse_dynamics_derivatives(&layout, &q, &v, &a, Some(&wrenches)).unwrap());
     compare("inverse_dynamics_derivatives", seed, &got, &want, &size, unit);
     let (want, mut size) = sensitivity(case, SAMPLES, seed, slow_forward);
-    forward_floors(case, &mut size, part, T::EPSILON);
+    forward_floors(case, SAMPLES, &mut size, part, T::EPSILON);
     size.iter_mut().for_each(|x| *x *= loss);
     let got = joined(forward_dynamics_derivatives(&layout, &q, &v, &tau, Some(&wrenches)).unwrap());
     compare("forward_dynamics_derivatives", seed, &got, &want, &size, unit);
@@ -355,7 +362,10 @@ fn velocity_forces_are_quadratic_and_do_no_work() {
         };
         let products: Vec<(f64, f64)> = d_dv.chunks_exact(nv).map(times_v).collect();
         let largest = products.iter().fold(0.0f64, |m, p| m.max(p.1));
-        let (mut power, mut size) = (0.0, 0.0);
+        // As in `inverse_floors`, where all terms vanish.
+        let unit_force = units(&case).0.iter().fold(0.0f64, |m, x| m.max(x * x));
+        let largest = largest.max(PART * unit_force * speed(&case).powi(2));
+        let (mut power, mut size) = (0.0, largest * speed(&case));
         for (i, row) in d_mv.chunks_exact(nv).enumerate() {
             let error = (products[i].0 - 2.0 * forces[i]).abs();
             assert!(error <= unit(&case) * largest, "[{i}], PHIPSI_SEED={seed}: {error:e} of {largest:e}");

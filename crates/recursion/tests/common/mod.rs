@@ -13,7 +13,7 @@ pub const TREES: u64 = 1000;
 pub const SAMPLES: usize = 6;
 
 /// Roundings per step of a sweep, beyond the n of n·ε·κ: products of 3×3 matrices and sums of three terms round a few
-/// times each. Largest seen on the thousand trees: 2.2.
+/// times each. Largest seen on the thousand trees: 2.2, and 4.0 of derivatives, which also turn inertias.
 pub const FACTOR: f64 = 4.0;
 
 /// The seeds of a test: the first `count`, or the one in the environment variable `PHIPSI_SEED`.
@@ -38,29 +38,39 @@ pub fn agree(
     slow: impl Fn(&Case) -> Vec<Dd>,
     sizes: impl Fn(&Case, &mut [f64]),
 ) {
-    agree_on(TREES, SAMPLES, what, fast, slow, sizes);
+    agree_on(TREES, SAMPLES, what, fast, slow, |case, _, size| sizes(case, size));
 }
 
-/// [`agree`] on another number of trees, with another number of perturbations.
+/// [`agree`] on another number of trees, with another number of perturbations. κ is a maximum over all perturbations: a case
+/// that few of them put above the budget is tried again with four times as many, a number which `sizes` gets, too.
 pub fn agree_on(
     trees: u64,
     samples: usize,
     what: &str,
     fast: impl Fn(&Layout<f64>, &Case) -> Result<Vec<f64>, DynamicsError>,
     slow: impl Fn(&Case) -> Vec<Dd>,
-    sizes: impl Fn(&Case, &mut [f64]),
+    sizes: impl Fn(&Case, usize, &mut [f64]),
 ) {
     let (mut worst, mut at) = (0.0f64, 0);
     for seed in seeds(trees) {
         let case = case(seed);
-        let (want, mut size) = sensitivity(&case, samples, seed, &slow);
-        sizes(&case, &mut size);
-        // The reference rounds too, by ε² of its largest terms in every product of rotations.
-        let largest = size.iter().fold(0.0f64, |m, x| m.max(*x));
-        size.iter_mut().for_each(|x| *x += 16.0 * f64::EPSILON * largest);
         let got = fast(&Layout::new(&case.model), &case)
             .unwrap_or_else(|e| panic!("{what}, PHIPSI_SEED={seed}: {e}"));
-        let ratio = compare(what, seed, &got, &want, &size, steps(&case) * f64::EPSILON);
+        let measured = |samples: usize| {
+            let (want, mut size) = sensitivity(&case, samples, seed, &slow);
+            sizes(&case, samples, &mut size);
+            // The reference rounds too, by ε² of its largest terms in every product of rotations.
+            let largest = size.iter().fold(0.0f64, |m, x| m.max(*x));
+            size.iter_mut().for_each(|x| *x += 16.0 * f64::EPSILON * largest);
+            (want, size)
+        };
+        let unit = steps(&case) * f64::EPSILON;
+        let (want, size) = measured(samples);
+        let mut ratio = worst_ratio(&got, &want, &size, unit).1;
+        if ratio > FACTOR {
+            let (want, size) = measured(4 * samples);
+            ratio = compare(what, seed, &got, &want, &size, unit);
+        }
         if ratio > worst {
             (worst, at) = (ratio, seed);
         }
@@ -71,17 +81,26 @@ pub fn agree_on(
 /// Largest error in units of `unit`·size; fails above [`FACTOR`].
 pub fn compare<T: Real>(what: &str, seed: u64, got: &[T], want: &[Dd], size: &[f64], unit: f64) -> f64 {
     assert_eq!(got.len(), want.len(), "{what}, PHIPSI_SEED={seed}");
-    let mut worst = 0.0f64;
+    let (i, ratio) = worst_ratio(got, want, size, unit);
+    assert!(
+        ratio <= FACTOR,
+        "{what}[{i}], PHIPSI_SEED={seed}: {} instead of {}, {ratio:.1} n·ε·κ",
+        got[i].to_f64(),
+        want[i].hi
+    );
+    ratio
+}
+
+/// The component with the largest error in units of `unit`·size, and that error; one that is no number counts as infinite.
+fn worst_ratio<T: Real>(got: &[T], want: &[Dd], size: &[f64], unit: f64) -> (usize, f64) {
+    let mut worst = (0, 0.0f64);
     for (i, (x, y)) in got.iter().zip(want).enumerate() {
         let error = distance(*x, *y);
         let ratio = if error == 0.0 { 0.0 } else { error / (unit * size[i]) };
-        assert!(
-            ratio <= FACTOR,
-            "{what}[{i}], PHIPSI_SEED={seed}: {} instead of {}, {ratio:.1} n·ε·κ",
-            x.to_f64(),
-            y.hi
-        );
-        worst = worst.max(ratio);
+        let ratio = if ratio.is_nan() { f64::INFINITY } else { ratio };
+        if ratio > worst.1 {
+            worst = (i, ratio);
+        }
     }
     worst
 }
