@@ -117,7 +117,7 @@ fn large_trees_are_cut_and_give_the_same_bits() {
         0 => None,
         1 => Some(0),
         _ if k == n - 1 => Some(0),
-        _ => Some(if (k - 2) % 12_500 == 0 { 1 } else { k - 1 }),
+        _ => Some(if (k - 2).is_multiple_of(12_500) { 1 } else { k - 1 }),
     };
     let shapes: [(&str, bool, Model); 8] = [
         ("chain", false, rods(n, hinge, before)),
