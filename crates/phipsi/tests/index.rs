@@ -5,8 +5,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Files of `recursion` that hold no algorithm.
-const SUPPORT: [&str; 13] = [
+const SUPPORT: [&str; 14] = [
     "batch",
+    "branching",
     "columns",
     "derivative_columns",
     "error",

@@ -11,21 +11,24 @@
 //! | α, α⁺ | acceleration of the body, and of its inboard side φ*α(p); α(ground) = (0, −g) | paper 1 (9.12)–(9.14) |
 
 use crate::articulated_sweep::{Pivot, eliminate, filter, smooth, smooth_revolute};
+use crate::branching::{Given, recur};
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::Hinge;
 use crate::kernel::kernel;
 use crate::kinematics::{relative, relative_revolute};
-use crate::layout::Pending;
-use crate::layout::{GROUND, Layout, Shifts, each_kind};
+use crate::layout::{GROUND, Layout, Shifts, TOGETHER, each_kind};
 use crate::link::each_shape;
 use crate::packed::Packed;
+use core::ops::Range;
 use num_traits::Zero;
 use phipsi_spatial::{ArticulatedInertia, Motion, Scalar, SixLanes, Vec3, Wrench};
 
 mod info;
 mod inward;
+mod run;
 
 pub use info::{ForwardInfo, WorstHinge, forward_info};
+use run::{Call, Filter, Run, Smoother};
 
 /// What the first sweep leaves of a body.
 #[derive(Clone, Copy, Debug)]
@@ -47,10 +50,8 @@ pub struct ForwardDynamics<T: Scalar> {
     pub(crate) shifts: Shifts<T::Arithmetic>,
     moving: Vec<Moving<T::Arithmetic>>,
     pub(crate) pivots: Vec<Pivot<T::Arithmetic>>,
-    pending: Pending<Moved<T::Arithmetic>>,
-    /// P and z of the body that the inward sweep is at.
-    here: Moved<T::Arithmetic>,
-    packed: Pending<Packed<Six<T>>>,
+    given: Given<Moved<T::Arithmetic>>,
+    packed: Given<Packed<Six<T>>>,
     /// α of bodies with several children.
     alpha: Vec<Motion<T::Arithmetic>>,
     /// Minus the external wrenches, where there are any.
@@ -60,14 +61,13 @@ pub struct ForwardDynamics<T: Scalar> {
 impl<T: Scalar> ForwardDynamics<T> {
     /// A workspace for a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
-        let (n, zero) = (layout.len(), (ArticulatedInertia::zero(), Wrench::zero()));
+        let n = layout.len();
         ForwardDynamics {
             shifts: Shifts::new(layout),
             moving: vec![Moving { omega: Vec3::zero(), coriolis: Motion::zero() }; n],
             pivots: vec![Pivot::empty(); layout.nv()],
-            pending: Pending::new(layout, zero),
-            here: zero,
-            packed: Pending::new(layout, Packed::zero::<T::Arithmetic>()),
+            given: Given::new(layout, (ArticulatedInertia::zero(), Wrench::zero())),
+            packed: Given::new(layout, Packed::zero::<T::Arithmetic>()),
             alpha: vec![Motion::zero(); n],
             loads: vec![Wrench::zero(); n],
         }
@@ -81,7 +81,8 @@ impl<T: Scalar> ForwardDynamics<T> {
     /// `q`: nq; `v`, `tau`, `out`: nv; `wrenches`: one per body of the model, at its frame's origin, its axes.
     ///
     /// # Cost
-    /// O(n): three sweeps; no allocation.
+    /// O(n): three sweeps; no allocation. Of a tree of 8192 bodies or more, branches run side by side (feature `parallel`),
+    /// for the same result: a few allocations for each.
     ///
     /// # Accuracy
     /// n·ε·κ, but ε × mass ratio where a heavy body hangs on a light one (soa.md 2.2); [`forward_info`] measures it.
@@ -122,184 +123,61 @@ impl<T: Scalar> ForwardDynamics<T> {
         }
         out.copy_from_slice(tau);
         let (q, v, out) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic_mut(out));
-        T::Arithmetic::dispatch(Sweeps {
-            work: self,
-            layout,
-            q,
-            v,
-            loaded: wrenches.is_some(),
-            turning: TURNING,
-            out,
-        })
-    }
-
-    #[inline(always)]
-    fn sweep_velocities(&mut self, layout: &Layout<T::Constant>, q: &[T::Arithmetic], v: &[T::Arithmetic]) {
-        let n = layout.bodies.len();
-        let moving = &mut self.moving[..n];
-        self.shifts.begin(q);
-        let mut previous = Vec3::zero();
-        for k in 0..n {
-            let body = &layout.bodies[k];
-            if let Hinge::Revolute = body.hinge {
-                let (turn, rate) = (self.shifts.turned(body, q), v[body.v]);
-                self.shifts.set_turn(k, turn);
-                if body.parent == GROUND {
-                    previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);
-                    moving[k] = Moving { omega: previous, coriolis: Motion::zero() };
-                    continue;
-                }
-                let inboard = if body.follows_parent(k) { previous } else { moving[body.parent].omega };
-                let shift = body.link.hinged(turn);
-                let (carried, centripetal) = each_shape!(body.link, |link| link.carried(&shift, inboard));
-                let (omega, coriolis) = relative_revolute(carried, centripetal, rate);
-                moving[k] = Moving { omega, coriolis };
-                previous = omega;
-                continue;
-            }
-            let (omega, coriolis) = each_kind!(body, |known| {
-                self.shifts.set(k, known, q);
-                let joint = known.hinge.expand(&v[known.v..]);
-                if known.parent == GROUND {
-                    (joint.angular, Motion::zero())
-                } else {
-                    let inboard = if known.follows_parent(k) { previous } else { moving[known.parent].omega };
-                    let (carried, centripetal) = self.shifts.at(k, known).carried(inboard);
-                    relative(&known.hinge, carried, centripetal, joint)
-                }
+        let loaded = wrenches.is_some();
+        let Some(branch) = layout.branches::<T>() else {
+            return T::Arithmetic::dispatch(Whole {
+                work: self,
+                layout,
+                q,
+                v,
+                loaded,
+                turning: TURNING,
+                out,
             });
-            moving[k] = Moving { omega, coriolis };
-            previous = omega;
-        }
-    }
-
-    /// [`Self::sweep_inboard`] with the six-vectors of the state in lanes.
-    #[inline(always)]
-    fn sweep_inboard_packed(
-        &mut self,
-        layout: &Layout<T::Constant>,
-        loaded: bool,
-        residuals: &mut [T::Arithmetic],
-    ) -> Result<(), DynamicsError> {
+        };
+        self.given.check(branch)?;
+        self.given.clear();
         self.packed.clear();
-        let mut hand: Packed<Six<T>> = Packed::zero::<T::Arithmetic>();
-        let (bodies, n) = (&layout.bodies[..], layout.bodies.len());
-        let (moving, rigid) = (&self.moving[..n], &layout.rigid[..n]);
-        for (k, body) in bodies.iter().enumerate().rev() {
-            let Moving { omega, coriolis } = &moving[k];
-            if body.children > 1 {
-                self.packed.gather(body, &mut hand, |sum, x| sum.add::<T::Arithmetic>(x));
-            }
-            hand.add_body(&rigid[k], *omega);
-            if let Hinge::Revolute = body.hinge {
-                if loaded {
-                    hand.z = hand.z + Packed::lanes(&self.loads[k]);
-                }
-                if body.parent != GROUND {
-                    hand.add_coriolis(coriolis);
-                }
-                match hand.eliminate_revolute(residuals[body.v]) {
-                    Ok((pivot, nu)) => (self.pivots[body.v], residuals[body.v]) = (pivot, nu),
-                    Err(D) => return Err(layout.singular(body.v, D)),
-                }
-                let moved = if body.parent == GROUND {
-                    Packed::zero::<T::Arithmetic>()
-                } else {
-                    hand.moved::<_, true>(&body.link, &body.link.hinged(self.shifts.turn(k)))
-                };
-                hand = Packed::zero::<T::Arithmetic>();
-                self.packed.give(k, body, &mut hand, moved);
-                continue;
-            }
-            if let Hinge::Prismatic = body.hinge
-                && body.parent != GROUND
-            {
-                if loaded {
-                    hand.z = hand.z + Packed::lanes(&self.loads[k]);
-                }
-                hand.add_acceleration(coriolis);
-                match hand.eliminate_prismatic(residuals[body.v]) {
-                    Ok((pivot, nu)) => (self.pivots[body.v], residuals[body.v]) = (pivot, nu),
-                    Err(D) => return Err(layout.singular(body.v, D)),
-                }
-                let moved = hand.moved::<_, false>(&body.link, &self.shifts.all()[k]);
-                hand = Packed::zero::<T::Arithmetic>();
-                self.packed.give(k, body, &mut hand, moved);
-                continue;
-            }
-            let (P, mut z) = hand.unpack();
-            if loaded {
-                z += self.loads[k];
-            }
-            if body.parent != GROUND {
-                z += P.times(*coriolis);
-            }
-            let dofs = body.v..body.v + body.hinge.nv();
-            let pivots = &mut self.pivots[dofs.clone()];
-            let passage = self.shifts.at(k, body);
-            let moved =
-                eliminate(body, passage, P, pivots).map_err(|(i, D)| layout.singular(body.v + i, D))?;
-            filter(&body.hinge, pivots, &mut z, &mut residuals[dofs]);
-            hand = Packed::zero::<T::Arithmetic>();
-            if body.parent != GROUND {
-                let moved = Packed::pack(&moved, &passage.wrench_to_parent(z));
-                self.packed.give(k, body, &mut hand, moved);
-            }
-        }
-        Ok(())
+        let mut run = self.all_bodies(layout, q, v, loaded, TURNING, out);
+        recur(Filter(run.again()), branch)?;
+        recur(Smoother(run), branch)
     }
-
-    /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after, or θ̈ + c without `turning`.
+    /// All bodies as a run.
     #[inline(always)]
-    fn sweep_outboard(
-        &mut self,
-        layout: &Layout<T::Constant>,
-        v: &[T::Arithmetic],
+    fn all_bodies<'a>(
+        &'a mut self,
+        layout: &'a Layout<T::Constant>,
+        q: &'a [T::Arithmetic],
+        v: &'a [T::Arithmetic],
+        loaded: bool,
         turning: bool,
-        residuals: &mut [T::Arithmetic],
-    ) {
+        out: &'a mut [T::Arithmetic],
+    ) -> Run<'a, T> {
         let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity));
-        let mut previous = ground;
-        let n = layout.bodies.len();
-        for k in 0..n {
-            let body = &layout.bodies[k];
-            let inboard = match body.parent {
-                GROUND => ground,
-                _ if body.follows_parent(k) => previous,
-                parent => self.alpha[parent],
-            };
-            let mut alpha;
-            if let Hinge::Revolute = body.hinge {
-                let shift = body.link.hinged(self.shifts.turn(k));
-                alpha = each_shape!(body.link, |link| link.motion_to_child(&shift, inboard));
-                residuals[body.v] = smooth_revolute(&self.pivots[body.v], &mut alpha, residuals[body.v]);
-            } else {
-                alpha = each_kind!(body, |known| {
-                    let dofs = known.v..body.v + known.hinge.nv();
-                    let mut alpha = self.shifts.at(k, known).motion_to_child(inboard);
-                    smooth(
-                        &known.hinge,
-                        &self.pivots[dofs.clone()],
-                        &mut alpha,
-                        &mut residuals[dofs.clone()],
-                    );
-                    if turning {
-                        known.hinge.subtract_turning(&v[known.v..], &mut residuals[dofs]);
-                    }
-                    alpha
-                });
-            }
-            alpha += self.moving[k].coriolis;
-            if body.children > 1 {
-                self.alpha[k] = alpha;
-            }
-            previous = alpha;
+        // Lone states only: every state of a batch takes the steps that lanes take, for the same bits.
+        let lone = core::any::TypeId::of::<T>() != core::any::TypeId::of::<T::Arithmetic>();
+        let loads = if loaded { Some(&self.loads[..]) } else { None };
+        let packed = lone && Six::<T>::is_fast();
+        self.given.pending.clear();
+        self.packed.pending.clear();
+        Run {
+            call: Call { layout, q, v, loads, ground, packed, turning },
+            first: 0,
+            first_v: 0,
+            outside: (Vec3::zero(), ground),
+            shifts: self.shifts.run(),
+            moving: &mut self.moving,
+            pivots: &mut self.pivots,
+            alpha: &mut self.alpha,
+            residuals: out,
+            given: &mut self.given,
+            packed: &mut self.packed,
         }
     }
 }
 
 kernel! {
-    Sweeps<'a, T> {
+    Whole<'a, T> {
         work: &'a mut ForwardDynamics<T>,
         layout: &'a Layout<T::Constant>,
         q: &'a [T::Arithmetic],
@@ -308,16 +186,215 @@ kernel! {
         turning: bool,
         out: &'a mut [T::Arithmetic],
     } -> Result<(), DynamicsError> {
-        work.sweep_velocities(layout, q, v);
-        // Lone states only: every state of a batch takes the steps that lanes take, for the same bits.
-        let lone = core::any::TypeId::of::<T>() != core::any::TypeId::of::<T::Arithmetic>();
-        if lone && Six::<T>::is_fast() {
-            work.sweep_inboard_packed(layout, loaded, out)?;
-        } else {
-            work.sweep_inboard(layout, loaded, out)?;
-        }
-        work.sweep_outboard(layout, v, turning, out);
+        // A run that is made here stays in registers, where its firsts are zero.
+        let mut run = work.all_bodies(layout, q, v, loaded, turning, out);
+        let numbers = 0..layout.bodies.len();
+        run.sweep_velocities::<true>(numbers.clone());
+        run.filter::<true>(numbers.clone())?;
+        run.sweep_outboard::<true>(numbers);
         Ok(())
+    }
+}
+
+impl<T: Scalar> Run<'_, T> {
+    /// Velocities outward: with the sines of `ALL` coordinates at once, or of some bodies at a time.
+    #[inline(always)]
+    fn sweep_velocities<const WHOLE: bool>(&mut self, numbers: Range<usize>) {
+        let mut previous = self.outside.0;
+        if WHOLE {
+            self.shifts.begin_all(self.call.q);
+            self.velocities::<WHOLE>(numbers, previous);
+            return;
+        }
+        for start in numbers.clone().step_by(TOGETHER) {
+            let some = start..numbers.end.min(start + TOGETHER);
+            self.shifts
+                .begin(&self.call.layout.bodies[self.first + some.start..self.first + some.end], self.call.q);
+            previous = self.velocities::<WHOLE>(some, previous);
+        }
+    }
+
+    /// Velocities of bodies whose sines are taken; returns ω of the last.
+    #[inline(always)]
+    fn velocities<const WHOLE: bool>(
+        &mut self,
+        numbers: Range<usize>,
+        mut previous: Vec3<T::Arithmetic>,
+    ) -> Vec3<T::Arithmetic> {
+        let Call { layout, q, v, .. } = self.call;
+        let (first, end, given) = (self.first::<WHOLE>(), numbers.end, self.outside.0);
+        let bodies = &layout.bodies[first..first + end];
+        let moving = &mut self.moving[..end];
+        for i in numbers.clone() {
+            let (k, body) = (first + i, &bodies[i]);
+            let inboard = match body.parent {
+                GROUND => given,
+                _ if body.follows_parent(k) => previous,
+                parent if WHOLE => moving[parent].omega,
+                parent => moving.get(parent.wrapping_sub(first)).map_or(given, |parent| parent.omega),
+            };
+            if let Hinge::Revolute = body.hinge {
+                let (turn, rate) = (self.shifts.turned::<WHOLE>(i - numbers.start, body, q), v[body.v]);
+                self.shifts.set_turn(i, turn);
+                if body.parent == GROUND {
+                    previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);
+                    moving[i] = Moving { omega: previous, coriolis: Motion::zero() };
+                    continue;
+                }
+                let shift = body.link.hinged(turn);
+                let (carried, centripetal) = each_shape!(body.link, |link| link.carried(&shift, inboard));
+                let (omega, coriolis) = relative_revolute(carried, centripetal, rate);
+                moving[i] = Moving { omega, coriolis };
+                previous = omega;
+                continue;
+            }
+            let (omega, coriolis) = each_kind!(body, |known| {
+                self.shifts.set::<WHOLE>(i, i - numbers.start, known, q);
+                let joint = known.hinge.expand(&v[known.v..]);
+                if known.parent == GROUND {
+                    (joint.angular, Motion::zero())
+                } else {
+                    let (carried, centripetal) = self.shifts.at(i, known).carried(inboard);
+                    relative(&known.hinge, carried, centripetal, joint)
+                }
+            });
+            moving[i] = Moving { omega, coriolis };
+            previous = omega;
+        }
+        previous
+    }
+
+    #[inline(always)]
+    fn filter<const WHOLE: bool>(&mut self, numbers: Range<usize>) -> Result<(), DynamicsError> {
+        if self.call.packed {
+            self.sweep_inboard_packed::<WHOLE>(numbers)
+        } else {
+            self.sweep_inboard::<WHOLE>(numbers)
+        }
+    }
+
+    /// [`Self::sweep_inboard`] with the six-vectors of the state in lanes.
+    #[inline(always)]
+    fn sweep_inboard_packed<const WHOLE: bool>(
+        &mut self,
+        numbers: Range<usize>,
+    ) -> Result<(), DynamicsError> {
+        let Call { layout, loads, .. } = self.call;
+        let (first, first_v, end) = (self.first::<WHOLE>(), self.first_v::<WHOLE>(), numbers.end);
+        let (bodies, rigid) = (&layout.bodies[first..first + end], &layout.rigid[first..first + end]);
+        let moving = &self.moving[..end];
+        let (pivots, residuals) = (&mut *self.pivots, &mut *self.residuals);
+        let mut hand: Packed<Six<T>> = if WHOLE { Packed::zero::<T::Arithmetic>() } else { self.packed.hand };
+        for i in numbers.rev() {
+            let (k, body) = (first + i, &bodies[i]);
+            let v = body.v - first_v;
+            let Moving { omega, coriolis } = &moving[i];
+            if body.children > 1 {
+                self.packed.pending.gather(body, &mut hand, |sum, x| sum.add::<T::Arithmetic>(x));
+            }
+            hand.add_body(&rigid[i], *omega);
+            if let Hinge::Revolute = body.hinge {
+                if let Some(loads) = loads {
+                    hand.z = hand.z + Packed::lanes(&loads[k]);
+                }
+                if body.parent != GROUND {
+                    hand.add_coriolis(coriolis);
+                }
+                match hand.eliminate_revolute(residuals[v]) {
+                    Ok((pivot, nu)) => (pivots[v], residuals[v]) = (pivot, nu),
+                    Err(D) => return Err(layout.singular(body.v, D)),
+                }
+                let moved = if body.parent == GROUND {
+                    Packed::zero::<T::Arithmetic>()
+                } else {
+                    hand.moved::<_, true>(&body.link, &body.link.hinged(self.shifts.turn(i)))
+                };
+                hand = Packed::zero::<T::Arithmetic>();
+                self.packed.pending.give(k, body, &mut hand, moved);
+                continue;
+            }
+            if let Hinge::Prismatic = body.hinge
+                && body.parent != GROUND
+            {
+                if let Some(loads) = loads {
+                    hand.z = hand.z + Packed::lanes(&loads[k]);
+                }
+                hand.add_acceleration(coriolis);
+                match hand.eliminate_prismatic(residuals[v]) {
+                    Ok((pivot, nu)) => (pivots[v], residuals[v]) = (pivot, nu),
+                    Err(D) => return Err(layout.singular(body.v, D)),
+                }
+                let moved = hand.moved::<_, false>(&body.link, self.shifts.shift(i));
+                hand = Packed::zero::<T::Arithmetic>();
+                self.packed.pending.give(k, body, &mut hand, moved);
+                continue;
+            }
+            let (P, mut z) = hand.unpack();
+            if let Some(loads) = loads {
+                z += loads[k];
+            }
+            if body.parent != GROUND {
+                z += P.times(*coriolis);
+            }
+            let dofs = v..v + body.hinge.nv();
+            let pivots = &mut pivots[dofs.clone()];
+            let passage = self.shifts.at(i, body);
+            let moved = eliminate(body, passage, P, pivots)
+                .map_err(|(component, D)| layout.singular(body.v + component, D))?;
+            filter(&body.hinge, pivots, &mut z, &mut residuals[dofs]);
+            hand = Packed::zero::<T::Arithmetic>();
+            if body.parent != GROUND {
+                let moved = Packed::pack(&moved, &passage.wrench_to_parent(z));
+                self.packed.pending.give(k, body, &mut hand, moved);
+            }
+        }
+        if !WHOLE {
+            self.packed.hand = hand;
+        }
+        Ok(())
+    }
+
+    /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after, or θ̈ + c without `turning`.
+    #[inline(always)]
+    fn sweep_outboard<const WHOLE: bool>(&mut self, numbers: Range<usize>) {
+        let Call { layout, v, turning, .. } = self.call;
+        let (first, first_v) = (self.first::<WHOLE>(), self.first_v::<WHOLE>());
+        let (end, given) = (numbers.end, self.outside.1);
+        let bodies = &layout.bodies[first..first + end];
+        let (moving, alpha_of) = (&self.moving[..end], &mut self.alpha[..end]);
+        let (pivots, residuals) = (&*self.pivots, &mut *self.residuals);
+        let mut previous = given;
+        for i in numbers {
+            let (k, body) = (first + i, &bodies[i]);
+            let inboard = match body.parent {
+                GROUND => given,
+                _ if body.follows_parent(k) => previous,
+                parent if WHOLE => alpha_of[parent],
+                parent => alpha_of.get(parent.wrapping_sub(first)).copied().unwrap_or(given),
+            };
+            let at = body.v - first_v;
+            let mut alpha;
+            if let Hinge::Revolute = body.hinge {
+                let shift = body.link.hinged(self.shifts.turn(i));
+                alpha = each_shape!(body.link, |link| link.motion_to_child(&shift, inboard));
+                residuals[at] = smooth_revolute(&pivots[at], &mut alpha, residuals[at]);
+            } else {
+                alpha = each_kind!(body, |known| {
+                    let dofs = at..at + known.hinge.nv();
+                    let mut alpha = self.shifts.at(i, known).motion_to_child(inboard);
+                    smooth(&known.hinge, &pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
+                    if turning {
+                        known.hinge.subtract_turning(&v[known.v..], &mut residuals[dofs]);
+                    }
+                    alpha
+                });
+            }
+            alpha += moving[i].coriolis;
+            if body.children > 1 {
+                alpha_of[i] = alpha;
+            }
+            previous = alpha;
+        }
     }
 }
 

@@ -19,12 +19,14 @@ use phipsi_spatial::six_lanes::{RigidEntries, rigid_entries};
 use phipsi_spatial::{Mat3, Real, RigidInertia, Scalar, Transform, Vec3, Wrench};
 
 mod arrange;
+mod branches;
 mod pending;
 mod shifts;
 
 use arrange::{Raw, arrange};
+pub(crate) use branches::{Branch, carve};
 pub(crate) use pending::Pending;
-pub(crate) use shifts::{Passage, Shifts};
+pub(crate) use shifts::{Passage, ShiftRun, Shifts, TOGETHER};
 
 /// Marks the ground as a parent or carrier.
 pub const GROUND: usize = usize::MAX;
@@ -137,6 +139,10 @@ pub struct Layout<C = f64> {
     pub(crate) outboard_dofs: Vec<usize>,
     /// Inertias of the bodies, for steps on packed six-vectors.
     pub(crate) rigid: Vec<RigidEntries<C>>,
+    /// The tree in branches that threads can share, if it is large.
+    pub(crate) branches: Option<Branch>,
+    /// Branch by branch also on a single thread.
+    always_branches: bool,
     pub(crate) gravity: Vec3<C>,
     nq: usize,
     nv: usize,
@@ -201,12 +207,15 @@ impl<C: Real> Layout<C> {
                 outboard_dofs[body.parent] += outboard_dofs[k];
             }
         }
+        let branches = branches::cut_large(&bodies);
         Layout {
             bodies,
             carriers,
             waiting,
             outboard_dofs,
             rigid,
+            branches,
+            always_branches: false,
             gravity: Vec3::splat(model.gravity()),
             nq: model.nq(),
             nv: model.nv(),
@@ -242,6 +251,26 @@ impl<C: Real> Layout<C> {
     pub fn with_gravity(mut self, gravity: Vec3<C>) -> Self {
         self.gravity = gravity;
         self
+    }
+    /// The same layout cut into branches of at least `least` bodies, whatever its size. For tests: results do not change.
+    #[doc(hidden)]
+    pub fn with_branches(mut self, least: usize) -> Self {
+        (self.branches, self.always_branches) = (branches::cut(&self.bodies, least), true);
+        self
+    }
+    /// The branches, if sweeps on scalars `T` are to go through them: for one state, where there are threads.
+    pub(crate) fn branches<T: Scalar<Constant = C>>(&self) -> Option<&Branch> {
+        // States in lanes are many: they have threads of their own.
+        let worth = || T::LANES == 1 && (self.always_branches || crate::branching::several_threads());
+        self.branches.as_ref().filter(|_| worth())
+    }
+    /// Number of runs of bodies that may run on threads of their own.
+    #[doc(hidden)]
+    pub fn branch_count(&self) -> usize {
+        fn count(branch: &Branch) -> usize {
+            1 + branch.branches.iter().map(count).sum::<usize>()
+        }
+        self.branches.as_ref().map_or(0, count)
     }
     /// The moving bodies, parents before children.
     pub fn bodies(&self) -> &[LayoutBody<C>] {

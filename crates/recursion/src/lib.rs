@@ -26,6 +26,7 @@
 
 pub mod articulated_sweep;
 pub mod batch;
+mod branching;
 mod columns;
 mod derivative_columns;
 pub mod energy;

@@ -132,8 +132,11 @@ pub fn header(what: &str) {
     println!("  profile    {}{}", profile(), if cfg!(debug_assertions) { ", debug assertions" } else { "" });
     println!("  features   {}; RUSTFLAGS {:?}", features(), option_env!("RUSTFLAGS").unwrap_or(""));
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
-    let parallel =
-        if cfg!(feature = "parallel") { "used by batches" } else { "not used: no feature `parallel`" };
+    let parallel = if cfg!(feature = "parallel") {
+        "used by batches and by branches of large trees"
+    } else {
+        "not used: no feature `parallel`"
+    };
     println!("  threads    {threads}, {parallel}\n");
 }
 

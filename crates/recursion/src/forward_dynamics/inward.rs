@@ -2,146 +2,146 @@
 //!
 //! Symbols: those of [`crate::forward_dynamics`].
 
-use super::{ForwardDynamics, Moved};
+use super::{Moved, Run};
 use crate::articulated_sweep::{
     eliminate, filter, filter_prismatic, filter_revolute, prismatic_pivot, revolute_pivot,
 };
 use crate::error::DynamicsError;
 use crate::hinge::Hinge;
-use crate::layout::{GROUND, Layout, LayoutBody, each_kind};
+use crate::layout::{GROUND, LayoutBody, each_kind};
 use crate::link::each_shape;
+use core::ops::Range;
 use phipsi_spatial::{ArticulatedInertia, Motion, RigidInertia, Scalar, Vec3, Wrench};
 
-impl<T: Scalar> ForwardDynamics<T> {
+impl<T: Scalar> Run<'_, T> {
     /// Kalman filter: `residuals` holds T before and ν after.
     ///
     /// P and z of the present body stay in memory, for they are more than the registers hold: what a branch of the program
     /// would hand on in registers goes to the stack and back.
     #[inline(always)]
-    pub(super) fn sweep_inboard(
+    pub(super) fn sweep_inboard<const WHOLE: bool>(
         &mut self,
-        layout: &Layout<T::Constant>,
-        loaded: bool,
-        residuals: &mut [T::Arithmetic],
+        numbers: Range<usize>,
     ) -> Result<(), DynamicsError> {
-        self.pending.clear();
+        let (layout, first) = (self.call.layout, self.first::<WHOLE>());
+        let bodies = &layout.bodies[first..first + numbers.end];
         let nothing = RigidInertia::zero();
-        for (k, body) in layout.bodies.iter().enumerate().rev() {
+        for i in numbers.rev() {
+            let (k, body) = (first + i, &bodies[i]);
             if body.children == 0 {
-                self.here = (RigidInertia::constant(&body.inertia).to_articulated(), Wrench::zero());
+                self.given.hand = (RigidInertia::constant(&body.inertia).to_articulated(), Wrench::zero());
             } else {
                 for _ in 1..body.children {
-                    add_moved(&mut self.here, self.pending.take());
+                    add_moved(&mut self.given.hand, self.given.pending.take());
                 }
             }
             // What goes to the next body gets its own inertia, too.
             let own = if body.follows_parent(k) { &layout.bodies[body.parent].inertia } else { &nothing };
             match body.hinge {
-                Hinge::Revolute => self.filter_revolute_body(layout, k, body, loaded, own, residuals)?,
-                Hinge::Prismatic => self.filter_prismatic_body(layout, k, body, loaded, own, residuals)?,
-                _ => each_kind!(body, |known| self.filter_body(layout, k, known, loaded, own, residuals))?,
+                Hinge::Revolute => self.filter_revolute_body::<WHOLE>(i, body, own)?,
+                Hinge::Prismatic => self.filter_prismatic_body::<WHOLE>(i, body, own)?,
+                _ => each_kind!(body, |known| self.filter_body::<WHOLE>(i, known, own))?,
             }
             if body.parent != GROUND && !body.follows_parent(k) {
-                self.pending.put(&self.here);
+                self.given.pending.put(&self.given.hand);
             }
         }
         Ok(())
     }
     /// Σ φ z⁺ + b.
     #[inline(always)]
-    fn bias(&self, k: usize, body: &LayoutBody<T::Constant>, loaded: bool) -> Wrench<T::Arithmetic> {
-        let z = RigidInertia::constant(&body.inertia).gyroscopic(self.moving[k].omega) + self.here.1;
-        if loaded { z + self.loads[k] } else { z }
+    fn bias<const WHOLE: bool>(&self, i: usize, body: &LayoutBody<T::Constant>) -> Wrench<T::Arithmetic> {
+        let z = RigidInertia::constant(&body.inertia).gyroscopic(self.moving[i].omega) + self.given.hand.1;
+        match self.call.loads {
+            Some(loads) => z + loads[self.first::<WHOLE>() + i],
+            None => z,
+        }
     }
     #[inline(always)]
-    fn filter_revolute_body(
+    fn filter_revolute_body<const WHOLE: bool>(
         &mut self,
-        layout: &Layout<T::Constant>,
-        k: usize,
+        i: usize,
         body: &LayoutBody<T::Constant>,
-        loaded: bool,
         own: &RigidInertia<T::Constant>,
-        residuals: &mut [T::Arithmetic],
     ) -> Result<(), DynamicsError> {
-        let pivot = match revolute_pivot(&self.here.0) {
+        let v = body.v - self.first_v::<WHOLE>();
+        let pivot = match revolute_pivot(&self.given.hand.0) {
             Ok(pivot) => pivot,
-            Err((i, D)) => return Err(layout.singular(body.v + i, D)),
+            Err((component, D)) => return Err(self.call.layout.singular(body.v + component, D)),
         };
-        self.pivots[body.v] = pivot;
-        let coriolis = self.moving[k].coriolis;
-        let mut z = self.bias(k, body, loaded);
+        self.pivots[v] = pivot;
+        let coriolis = self.moving[i].coriolis;
+        let mut z = self.bias::<WHOLE>(i, body);
         if body.parent == GROUND {
-            residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
+            self.residuals[v] = filter_revolute(&pivot, &mut z, self.residuals[v]);
             return Ok(());
         }
-        z += revolute_coriolis_force(&self.here.0, coriolis);
-        residuals[body.v] = filter_revolute(&pivot, &mut z, residuals[body.v]);
-        let turn = self.shifts.turn(k);
+        z += revolute_coriolis_force(&self.given.hand.0, coriolis);
+        self.residuals[v] = filter_revolute(&pivot, &mut z, self.residuals[v]);
+        let turn = self.shifts.turn(i);
         let own = RigidInertia::constant(own);
         each_shape!(body.link, |link| {
-            self.here.1 = link.wrench_to_parent(&link.hinged(turn), z);
-            self.here.0 = link.eliminated_to_parent(turn, &self.here.0, &pivot.gain).plus_rigid(&own);
+            let here = &mut self.given.hand;
+            here.1 = link.wrench_to_parent(&link.hinged(turn), z);
+            here.0 = link.eliminated_to_parent(turn, &here.0, &pivot.gain).plus_rigid(&own);
         });
         Ok(())
     }
     #[inline(always)]
-    fn filter_prismatic_body(
+    fn filter_prismatic_body<const WHOLE: bool>(
         &mut self,
-        layout: &Layout<T::Constant>,
-        k: usize,
+        i: usize,
         body: &LayoutBody<T::Constant>,
-        loaded: bool,
         own: &RigidInertia<T::Constant>,
-        residuals: &mut [T::Arithmetic],
     ) -> Result<(), DynamicsError> {
-        let pivot = match prismatic_pivot(&self.here.0) {
+        let v = body.v - self.first_v::<WHOLE>();
+        let pivot = match prismatic_pivot(&self.given.hand.0) {
             Ok(pivot) => pivot,
-            Err((i, D)) => return Err(layout.singular(body.v + i, D)),
+            Err((component, D)) => return Err(self.call.layout.singular(body.v + component, D)),
         };
-        self.pivots[body.v] = pivot;
-        let coriolis = self.moving[k].coriolis;
-        let mut z = self.bias(k, body, loaded);
+        self.pivots[v] = pivot;
+        let coriolis = self.moving[i].coriolis;
+        let mut z = self.bias::<WHOLE>(i, body);
         if body.parent == GROUND {
-            residuals[body.v] = filter_prismatic(&pivot, &mut z, residuals[body.v]);
+            self.residuals[v] = filter_prismatic(&pivot, &mut z, self.residuals[v]);
             return Ok(());
         }
         // A slider's a does not turn.
-        let P = &self.here.0;
+        let P = &self.given.hand.0;
         z += Wrench::new(P.coupling * coriolis.linear, P.mass * coriolis.linear);
-        residuals[body.v] = filter_prismatic(&pivot, &mut z, residuals[body.v]);
-        let shift = *self.shifts.at(k, body).shift;
+        self.residuals[v] = filter_prismatic(&pivot, &mut z, self.residuals[v]);
+        let shift = *self.shifts.shift(i);
         let own = RigidInertia::constant(own);
         each_shape!(body.link, |link| {
-            self.here.1 = link.wrench_to_parent(&shift, z);
-            self.here.0 = link.slid_to_parent(&shift, &self.here.0, &pivot.gain).plus_rigid(&own);
+            let here = &mut self.given.hand;
+            here.1 = link.wrench_to_parent(&shift, z);
+            here.0 = link.slid_to_parent(&shift, &here.0, &pivot.gain).plus_rigid(&own);
         });
         Ok(())
     }
     #[inline(always)]
-    fn filter_body(
+    fn filter_body<const WHOLE: bool>(
         &mut self,
-        layout: &Layout<T::Constant>,
-        k: usize,
+        i: usize,
         body: &LayoutBody<T::Constant>,
-        loaded: bool,
         own: &RigidInertia<T::Constant>,
-        residuals: &mut [T::Arithmetic],
     ) -> Result<(), DynamicsError> {
-        let coriolis = self.moving[k].coriolis;
-        let P = self.here.0;
-        let mut z = self.bias(k, body, loaded);
+        let coriolis = self.moving[i].coriolis;
+        let P = self.given.hand.0;
+        let mut z = self.bias::<WHOLE>(i, body);
         if body.parent != GROUND {
             z += P.times(coriolis);
         }
-        let dofs = body.v..body.v + body.hinge.nv();
+        let v = body.v - self.first_v::<WHOLE>();
+        let dofs = v..v + body.hinge.nv();
         let pivots = &mut self.pivots[dofs.clone()];
-        let passage = self.shifts.at(k, body);
+        let passage = self.shifts.at(i, body);
         let moved = match eliminate(body, passage, P, pivots) {
             Ok(moved) => moved,
-            Err((i, D)) => return Err(layout.singular(body.v + i, D)),
+            Err((component, D)) => return Err(self.call.layout.singular(body.v + component, D)),
         };
-        filter(&body.hinge, pivots, &mut z, &mut residuals[dofs]);
-        self.here = (moved.plus_rigid(&RigidInertia::constant(own)), passage.wrench_to_parent(z));
+        filter(&body.hinge, pivots, &mut z, &mut self.residuals[dofs]);
+        self.given.hand = (moved.plus_rigid(&RigidInertia::constant(own)), passage.wrench_to_parent(z));
         Ok(())
     }
 }

@@ -75,20 +75,21 @@ pub(super) fn arrange<C: Real>(raw: &[Raw<C>], carriers: &mut [Carrier<C>]) -> (
         bodies.push(body);
     }
     let parents: Vec<usize> = bodies.iter().map(|b| b.parent).collect();
-    let waiting = waiting(&parents);
+    let waiting = most_waiting(&parents, 0);
     (bodies, waiting)
 }
 
-/// How many contributions wait at once for a body with several children, tip to base.
-fn waiting(parents: &[usize]) -> usize {
+/// Most contributions that wait at once for a body with several children, tip to base, in a run of subtrees that begins at body
+/// `first`; those to bodies before the run included.
+pub(super) fn most_waiting(parents: &[usize], first: usize) -> usize {
     let (mut waiting, mut most) = (0usize, 0);
     let mut children = vec![0usize; parents.len()];
-    for &parent in parents.iter().filter(|p| **p != GROUND) {
-        children[parent] += 1;
+    for &parent in parents.iter().filter(|p| **p != GROUND && **p >= first) {
+        children[parent - first] += 1;
     }
     for (k, &parent) in parents.iter().enumerate().rev() {
         waiting -= children[k].saturating_sub(1);
-        if parent != GROUND && parent + 1 != k {
+        if parent != GROUND && parent + 1 != first + k {
             waiting += 1;
             most = most.max(waiting);
         }
@@ -130,7 +131,7 @@ fn depth_first<C>(raw: &[Raw<C>]) -> (Vec<usize>, Vec<usize>) {
         heaviest[k] = list.first().copied().unwrap_or(GROUND);
     }
     let parents: Vec<usize> = raw.iter().map(|b| b.parent).collect();
-    if is_depth_first(&parents) && waiting(&parents) <= WAITING {
+    if is_depth_first(&parents) && most_waiting(&parents, 0) <= WAITING {
         return ((0..n).collect(), heaviest);
     }
     let (mut order, mut stack) = (Vec::with_capacity(n), roots);

@@ -11,7 +11,17 @@ pub(crate) struct Pending<X> {
 
 impl<X: Copy> Pending<X> {
     pub(crate) fn new<C>(layout: &Layout<C>, empty: X) -> Self {
-        Pending { stack: vec![empty; layout.waiting], top: 0 }
+        Self::of_at_most(layout.waiting, empty)
+    }
+    /// For at most `count` contributions that wait at once.
+    pub(crate) fn of_at_most(count: usize, empty: X) -> Self {
+        Pending { stack: vec![empty; count], top: 0 }
+    }
+    /// What a run of bodies gave to bodies before it.
+    pub(crate) fn take_all(&mut self, run: &Self) {
+        let given = &run.stack[..run.top];
+        self.stack[self.top..self.top + given.len()].copy_from_slice(given);
+        self.top += given.len();
     }
     pub(crate) fn clear(&mut self) {
         self.top = 0;

@@ -1,6 +1,6 @@
 //! The shift operators φ(p, k) of a layout at one configuration.
 
-use super::{Layout, LayoutBody};
+use super::{Branch, Layout, LayoutBody, carve};
 use crate::hinge::{Hinge, combine};
 use crate::link::Shift;
 use phipsi_spatial::{Motion, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench};
@@ -10,68 +10,46 @@ use phipsi_spatial::{Motion, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench
 pub(crate) struct Shifts<T> {
     shift: Vec<Shift<T>>,
     general: Vec<Transform<T>>,
-    /// Of every coordinate, where they cost less together.
+    /// Where sines are taken together: of all coordinates, or of the first coordinates of some bodies. As many as bodies at
+    /// least, so that each run of bodies has some to work with.
+    q: Vec<T>,
     sin: Vec<T>,
     cos: Vec<T>,
 }
 
-impl<T: Scalar> Shifts<T> {
-    /// One number has lanes for the sines of several coordinates; lanes of states are full with one.
-    const TOGETHER: bool = T::LANES == 1;
+/// Bodies of a run whose sines are taken together: they cost less so, and stay in the nearest cache until they are used.
+pub(crate) const TOGETHER: usize = 256;
 
+/// One number has lanes for the sines of several coordinates; lanes of states are full with one.
+const fn sines_together<T: Scalar>() -> bool {
+    T::LANES == 1
+}
+
+impl<T: Scalar> Shifts<T> {
     pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
         let general = layout.bodies.iter().filter(|b| b.is_general()).count();
+        let together = sines_together::<T>();
+        let (n, nq) = if together { (layout.len(), layout.nq()) } else { (0, 0) };
         Shifts {
             shift: layout.bodies.iter().map(|b| b.link.at_rest()).collect(),
             general: vec![Transform::identity(); general],
-            sin: vec![T::zero(); if Self::TOGETHER { layout.nq() } else { 0 }],
-            cos: vec![T::one(); if Self::TOGETHER { layout.nq() } else { 0 }],
-        }
-    }
-    /// Takes the coordinates that the next shifts are set at.
-    #[inline(always)]
-    pub(crate) fn begin(&mut self, q: &[T]) {
-        if Self::TOGETHER {
-            T::sin_cos_all(q, &mut self.sin, &mut self.cos);
-        }
-    }
-    /// Sets the shift of body `k`, at the coordinates that [`Shifts::begin`] took.
-    #[inline(always)]
-    pub(crate) fn set(&mut self, k: usize, body: &LayoutBody<T::Constant>, q: &[T]) {
-        if let Hinge::Revolute = body.hinge {
-            self.shift[k].turn = self.turned(body, q);
-            return;
-        }
-        let (shift, general) = body.link.at(&body.hinge, &q[body.q..]);
-        self.shift[k] = shift;
-        if let Some(pose) = general {
-            self.general[body.general] = pose;
+            q: vec![T::zero(); n],
+            sin: vec![T::zero(); nq],
+            cos: vec![T::one(); nq],
         }
     }
     #[inline(always)]
     pub(crate) fn set_all(&mut self, layout: &Layout<T::Constant>, q: &[T]) {
-        self.begin(q);
+        let mut run = self.run();
+        run.begin_all(q);
         for (k, body) in layout.bodies.iter().enumerate() {
-            self.set(k, body, q);
-        }
-    }
-    /// Z(q + θ₁) of a body on a hinge, at the coordinates that [`Shifts::begin`] took.
-    #[inline(always)]
-    pub(crate) fn turned(&self, body: &LayoutBody<T::Constant>, q: &[T]) -> Turn<T> {
-        if Self::TOGETHER {
-            body.link.turned_by(Turn { cos: self.cos[body.q], sin: self.sin[body.q] })
-        } else {
-            body.link.turned(q[body.q])
+            run.set::<true>(k, k, body, q);
         }
     }
     /// The turn of a body on a hinge.
     #[inline(always)]
     pub(crate) fn turn(&self, k: usize) -> Turn<T> {
         self.shift[k].turn
-    }
-    #[inline(always)]
-    pub(crate) fn set_turn(&mut self, k: usize, turn: Turn<T>) {
-        self.shift[k].turn = turn;
     }
     pub(crate) fn all(&self) -> &[Shift<T>] {
         &self.shift
@@ -81,6 +59,124 @@ impl<T: Scalar> Shifts<T> {
     pub(crate) fn at<'a>(&'a self, k: usize, body: &'a LayoutBody<T::Constant>) -> Passage<'a, T> {
         let general = if body.is_general() { Some(&self.general[body.general]) } else { None };
         Passage { body, shift: &self.shift[k], general }
+    }
+    /// Those of all bodies, as a run.
+    #[inline(always)]
+    pub(crate) fn run(&mut self) -> ShiftRun<'_, T> {
+        let Shifts { shift, general, q, sin, cos } = self;
+        ShiftRun { shift, general, first_general: 0, q, sin, cos }
+    }
+}
+
+/// φ(p, k) of a run of bodies, numbered from the run's first.
+pub(crate) struct ShiftRun<'a, T> {
+    shift: &'a mut [Shift<T>],
+    general: &'a mut [Transform<T>],
+    first_general: usize,
+    q: &'a mut [T],
+    sin: &'a mut [T],
+    cos: &'a mut [T],
+}
+
+impl<T: Scalar> ShiftRun<'_, T> {
+    /// The same run, lent.
+    pub(crate) fn again(&mut self) -> ShiftRun<'_, T> {
+        let ShiftRun { shift, general, first_general, q, sin, cos } = self;
+        ShiftRun { shift, general, first_general: *first_general, q, sin, cos }
+    }
+    /// Takes the sines of all coordinates.
+    #[inline(always)]
+    pub(crate) fn begin_all(&mut self, q: &[T]) {
+        if sines_together::<T>() {
+            T::sin_cos_all(q, self.sin, self.cos);
+        }
+    }
+    /// Takes the sines of some bodies' first coordinates, whose shifts are set next.
+    #[inline(always)]
+    pub(crate) fn begin(&mut self, bodies: &[LayoutBody<T::Constant>], q: &[T]) {
+        if !sines_together::<T>() {
+            return;
+        }
+        let count = bodies.len();
+        for (x, body) in self.q.iter_mut().zip(bodies) {
+            *x = q[body.q];
+        }
+        T::sin_cos_all(&self.q[..count], &mut self.sin[..count], &mut self.cos[..count]);
+    }
+    /// Z(q + θ₁) of a hinge. Sines are those of `ALL` coordinates, or the `i`th of the bodies that [`ShiftRun::begin`] took.
+    #[inline(always)]
+    pub(crate) fn turned<const ALL: bool>(
+        &self,
+        i: usize,
+        body: &LayoutBody<T::Constant>,
+        q: &[T],
+    ) -> Turn<T> {
+        if sines_together::<T>() {
+            let i = if ALL { body.q } else { i };
+            body.link.turned_by(Turn { cos: self.cos[i], sin: self.sin[i] })
+        } else {
+            body.link.turned(q[body.q])
+        }
+    }
+    /// Sets the shift of body number `k`; `ALL` and `i` as in [`ShiftRun::turned`].
+    #[inline(always)]
+    pub(crate) fn set<const ALL: bool>(
+        &mut self,
+        k: usize,
+        i: usize,
+        body: &LayoutBody<T::Constant>,
+        q: &[T],
+    ) {
+        if let Hinge::Revolute = body.hinge {
+            self.shift[k].turn = self.turned::<ALL>(i, body, q);
+            return;
+        }
+        let (shift, general) = body.link.at(&body.hinge, &q[body.q..]);
+        self.shift[k] = shift;
+        if let Some(pose) = general {
+            self.general[body.general - self.first_general] = pose;
+        }
+    }
+    #[inline(always)]
+    pub(crate) fn set_turn(&mut self, k: usize, turn: Turn<T>) {
+        self.shift[k].turn = turn;
+    }
+    /// The shift of body number `k`, its own offset included.
+    #[inline(always)]
+    pub(crate) fn shift(&self, k: usize) -> &Shift<T> {
+        &self.shift[k]
+    }
+    /// The turn of a body on a hinge.
+    #[inline(always)]
+    pub(crate) fn turn(&self, k: usize) -> Turn<T> {
+        self.shift[k].turn
+    }
+    /// The shift of body number `k`.
+    #[inline(always)]
+    pub(crate) fn at<'b>(&'b self, k: usize, body: &'b LayoutBody<T::Constant>) -> Passage<'b, T> {
+        let general =
+            if body.is_general() { Some(&self.general[body.general - self.first_general]) } else { None };
+        Passage { body, shift: &self.shift[k], general }
+    }
+    /// Those of a branch's branches.
+    pub(crate) fn carve(&mut self, branch: &Branch) -> Vec<ShiftRun<'_, T>> {
+        let ShiftRun { shift, general, q, sin, cos, .. } = self;
+        let (runs, first) = (&branch.branches, branch.bodies.start);
+        let bodies = || runs.iter().map(|b| b.bodies.clone());
+        let mut general =
+            carve(general, branch.general.start, runs.iter().map(|b| b.general.clone())).into_iter();
+        let mut sines = carve(q, first, bodies()).into_iter().zip(carve(sin, first, bodies())).zip(carve(
+            cos,
+            first,
+            bodies(),
+        ));
+        let each = carve(shift, first, bodies()).into_iter().zip(runs);
+        each.map_while(|(shift, b)| {
+            let ((q, sin), cos) = sines.next()?;
+            let (general, first_general) = (general.next()?, b.general.start);
+            Some(ShiftRun { shift, general, first_general, q, sin, cos })
+        })
+        .collect()
     }
 }
 
