@@ -364,8 +364,9 @@ fn velocity_forces_are_quadratic_and_do_no_work() {
         let largest = products.iter().fold(0.0f64, |m, p| m.max(p.1));
         // As in `inverse_floors`, where all terms vanish.
         let unit_force = units(&case).0.iter().fold(0.0f64, |m, x| m.max(x * x));
-        let largest = largest.max(PART * unit_force * speed(&case).powi(2));
-        let (mut power, mut size) = (0.0, largest * speed(&case));
+        let vanishing = PART * unit_force * speed(&case).powi(2);
+        let largest = largest.max(vanishing);
+        let (mut power, mut size) = (0.0, vanishing * speed(&case));
         for (i, row) in d_mv.chunks_exact(nv).enumerate() {
             let error = (products[i].0 - 2.0 * forces[i]).abs();
             assert!(error <= unit(&case) * largest, "[{i}], PHIPSI_SEED={seed}: {error:e} of {largest:e}");
