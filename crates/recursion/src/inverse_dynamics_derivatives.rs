@@ -29,7 +29,11 @@ use crate::layout::{GROUND, Layout, Shifts};
 use crate::places::{Group, Places, Table, View, mirror};
 use core::marker::PhantomData;
 use phipsi_spatial::wide::{Wide, WideKernel};
-use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Sym3, Vec3, Wrench};
+use phipsi_spatial::{Motion, RigidInertia, Scalar, Vec3, Wrench};
+
+mod composite;
+
+use composite::Composite;
 
 // Rows of the table after those of `ground_axes`.
 /// −2u.
@@ -68,19 +72,6 @@ struct Inboard<T> {
     axes: Directions<T>,
     omega: Vec3<T>,
     alpha: Motion<T>,
-}
-
-/// Sums over a body and all outboard of it.
-#[derive(Clone, Copy, Debug)]
-struct Composite<T> {
-    /// R.
-    inertia: RigidInertia<T>,
-    /// −2N.
-    moment: Mat3<T>,
-    /// −2l.
-    momentum: Vec3<T>,
-    /// f.
-    force: Wrench<T>,
 }
 
 /// Workspace of the derivatives of inverse dynamics.
@@ -379,92 +370,10 @@ fn begin_columns<T: Scalar, W: Wide<T>, const TURNING: bool, const LINEAR: bool>
     columns.put(group);
 }
 
-impl<T: Scalar> Composite<T> {
-    /// The sums of one body.
-    #[inline(always)]
-    fn of_body(M: &RigidInertia<T>, omega: Vec3<T>, alpha: Motion<T>) -> Self {
-        // −2ω~Σ₂ with 2Σ₂ = tr(J) 1 − 2J: second moments of mass.
-        let J = M.inertia;
-        let trace = J.xx + J.yy + J.zz;
-        let two = T::splat(2.0);
-        let second = Sym3::diagonal(trace) + scaled(&J, -two);
-        Composite {
-            inertia: *M,
-            moment: Mat3::from_columns(
-                second.column(0).cross(omega),
-                second.column(1).cross(omega),
-                second.column(2).cross(omega),
-            ),
-            momentum: M.first_moment.cross(omega).scale(two),
-            force: M.momentum(alpha) + M.gyroscopic(omega),
-        }
-    }
-    /// −2B x of an angular change of velocity.
-    #[inline(always)]
-    fn gyroscopic(&self, x: Vec3<T>) -> Wrench<T> {
-        Wrench::new(self.moment * x, self.momentum.cross(x))
-    }
-    /// Moved to the parent's origin, by d, and to its frame of reference; `drift` is −2u.
-    #[inline(always)]
-    fn shifted(&self, d: Vec3<T>, drift: Vec3<T>) -> Self {
-        let (inertia, l, mut moment) = (self.inertia.shifted(d), self.momentum, self.moment);
-        let h = inertia.first_moment;
-        let trace = d.dot(l) + h.dot(drift);
-        for i in 0..3 {
-            let row = h.scale_add(drift.0[i], d.scale_add(l.0[i], Vec3(moment.0[i])));
-            moment.0[i] = row.0;
-            moment.0[i][i] -= trace;
-        }
-        let force = self.force;
-        Composite {
-            inertia,
-            moment,
-            momentum: drift.scale_add(inertia.mass, l),
-            force: Wrench::new(d.cross_add(force.force, force.moment), force.force),
-        }
-    }
-    #[inline(always)]
-    fn plus(&self, other: &Self) -> Self {
-        Composite {
-            inertia: self.inertia + other.inertia,
-            moment: self.moment + other.moment,
-            momentum: self.momentum + other.momentum,
-            force: self.force + other.force,
-        }
-    }
-    #[inline(always)]
-    fn get<U: Scalar, const N: usize>(group: &Group<'_, U, N>) -> Self
-    where
-        T: Wide<U>,
-    {
-        Composite {
-            inertia: group.rigid(COMPOSITE),
-            moment: group.matrix(MOMENT),
-            momentum: group.vector(MOMENTUM),
-            force: group.wrench(FORCE),
-        }
-    }
-    #[inline(always)]
-    fn put<U: Scalar, const N: usize>(&self, group: &mut Group<'_, U, N>)
-    where
-        T: Wide<U>,
-    {
-        group.set_rigid(COMPOSITE, &self.inertia);
-        group.set_matrix(MOMENT, &self.moment);
-        group.set_vector(MOMENTUM, self.momentum);
-        group.set_wrench(FORCE, self.force);
-    }
-}
-
 /// A motion in the body's axes, turned.
 #[inline(always)]
 fn turned<T: Scalar>(axes: &Directions<T>, x: Motion<T>) -> Motion<T> {
     Motion::new(combine(axes, x.angular), combine(axes, x.linear))
-}
-
-#[inline(always)]
-fn scaled<T: Scalar>(a: &Sym3<T>, s: T) -> Sym3<T> {
-    Sym3 { xx: a.xx * s, xy: a.xy * s, xz: a.xz * s, yy: a.yy * s, yz: a.yz * s, zz: a.zz * s }
 }
 
 /// (∂T/∂q, ∂T/∂v, ∂T/∂v̇ = M): [`InverseDynamicsDerivatives::run`] for a single call.
