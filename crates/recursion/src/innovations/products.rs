@@ -69,9 +69,9 @@ impl<T: Scalar> Products<T> {
     }
 }
 
-/// Calls a step for the columns of every panel: as many registers at once as there are side by side.
+/// Calls a step for the columns of every panel: two registers at once where `$both`, else one.
 macro_rules! each_panel {
-    ($t:ty, $w:ty, $places:expr, $width:expr, |$panel:ident, $at:ident, $inner:ident, $G:ident| $step:expr) => {
+    ($t:ty, $w:ty, $places:expr, $width:expr, $both:expr, |$panel:ident, $at:ident, $inner:ident, $G:ident| $step:expr) => {
         let mut $at = Places::group($places.margin, <$t>::COLUMNS);
         let mut $panel = 0;
         while $at < $places.count {
@@ -79,7 +79,7 @@ macro_rules! each_panel {
             let left = $at;
             while $at < end {
                 let $inner = $at - left;
-                if $at + SIDE * <$w as Wide<$t>>::COUNT <= end {
+                if $both && $at + SIDE * <$w as Wide<$t>>::COUNT <= end {
                     const $G: usize = SIDE;
                     $step;
                     $at += SIDE * <$w as Wide<$t>>::COUNT;
@@ -101,7 +101,7 @@ impl<T: Scalar> Innovations<T> {
         let Innovations { operator, inverse: pivots, products, .. } = self;
         let Products { inboard, inverse, panel, width, .. } = products;
         let (width, s) = (*width, places.stride);
-        each_panel!(T, W, places, width, |_index, at, inner, G| {
+        each_panel!(T, W, places, width, true, |_index, at, inner, G| {
             let end = at + G * W::COUNT;
             let rows = operator.chunks_exact(s).zip(&*pivots);
             for ((l, pivot), y) in rows.zip(panel.chunks_exact_mut(width)) {
@@ -126,7 +126,9 @@ impl<T: Scalar> Innovations<T> {
     #[inline(always)]
     pub(crate) fn negative_solve<W: Wide<T>>(&self, places: &Places, b: [&[T]; 2], out: [&mut [T]; 2]) {
         let (Products { related, inverse, width, .. }, s) = (&self.products, places.stride);
-        each_panel!(T, W, places, *width, |panel, at, _inner, G| {
+        // Sums of two matrices in two registers each are sixteen: only AVX-512 has names for more.
+        let both = size_of::<W>() >= 64;
+        each_panel!(T, W, places, *width, both, |panel, at, _inner, G| {
             for row in places.blocks() {
                 let sums = sums::<T, W, 2, G>((inverse, s, row), &related[panel], (b, s, at));
                 for r in 0..ROWS {
