@@ -6,7 +6,7 @@ use std::process::Command;
 /// Each crate and the crates of ours it may depend on.
 const ALLOWED: [(&str, &[&str]); 16] = [
     ("spatial", &[]),
-    ("topology", &[]),
+    ("topology", &["spatial"]),
     ("model", &["spatial", "topology"]),
     ("reference", &["spatial", "topology", "model"]),
     ("formats", &["spatial", "topology", "model"]),

@@ -49,6 +49,7 @@ mod link;
 pub mod mass_matrix;
 pub mod mass_matrix_inverse;
 pub mod momentum;
+pub mod operators;
 mod packed;
 mod places;
 pub mod refined_forward_dynamics;
@@ -75,5 +76,6 @@ pub use mass_matrix_inverse::{
     MassMatrixInverse, MassMatrixSolution, mass_matrix_inverse, solve_mass_matrix,
 };
 pub use momentum::{About, CentroidalMomentumMatrix, Momentum, centroidal_momentum_matrix, momentum};
+pub use operators::{DynamicsDerivatives, Operators, Sensitivity};
 pub use refined_forward_dynamics::{RefinedForwardDynamics, refined_forward_dynamics};
 pub use square_root_forward_dynamics::{SquareRootForwardDynamics, square_root_forward_dynamics};
