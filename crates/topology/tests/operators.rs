@@ -37,8 +37,7 @@ struct Case<T> {
 fn case<T: Real>(seed: u64) -> Case<T> {
     let mut random = Numbers(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1);
     let n = 2 + random.below(9);
-    let parents =
-        (0..n).map(|k| (k > 0 && random.below(6) > 0).then(|| random.below(k))).collect();
+    let parents = (0..n).map(|k| (k > 0 && random.below(6) > 0).then(|| random.below(k))).collect();
     let tree = Arc::new(Tree::new(parents).unwrap());
     let state = Space::new((0..n).map(|_| 2 + random.below(4)));
     let joint = Space::new((0..n).map(|k| 1 + random.below(state.size(k))));

@@ -26,7 +26,7 @@ pub struct DynamicsDerivatives<T> {
     /// By v.
     pub d_dv: Operator<T>,
     /// By a (inverse dynamics) or the joint forces (forward dynamics).
-    pub d_dlast: Operator<T>,
+    pub d_last: Operator<T>,
 }
 
 /// One six-vector a block.
@@ -86,9 +86,8 @@ impl<T: Real> Operators<T> {
         let alpha = Self::image(&outward, &flat(&driven));
         let momentum = wrenches(&Self::image(&self.M, &flat(&V)));
         let inertial = wrenches(&Self::image(&self.M, &alpha));
-        let forces: Vec<T> = (0..h.len())
-            .flat_map(|k| (inertial[k] + V[k].cross_wrench(momentum[k])).to_array())
-            .collect();
+        let forces: Vec<T> =
+            (0..h.len()).flat_map(|k| (inertial[k] + V[k].cross_wrench(momentum[k])).to_array()).collect();
         let alpha = motions(&alpha);
         Nominal {
             V_in: (0..h.len()).map(|k| V[k] - h[k]).collect(),
@@ -138,9 +137,7 @@ impl<T: Real> Operators<T> {
         let Nominal { h, V, V_in, alpha_in, momentum, f } = self.nominal(v, a);
         let (state, joint) = (self.state_space(), self.joint_space());
         let (outward, axes) = (self.phi.adjoint(), self.H.adjoint());
-        let crossed = |name: &str, x: &[Motion<T>]| {
-            self.diagonal(name, state, state, |k| cross_motion(x[k]))
-        };
+        let crossed = |name: &str, x: &[Motion<T>]| self.diagonal(name, state, state, |k| cross_motion(x[k]));
         let speeds = |k: usize| (v[joint.range(k).start], v[joint.range(k).start + 1]);
         let none = |rows: usize| vec![T::zero(); rows];
         let list = |m: Motion<T>| m.to_array().to_vec();
@@ -188,7 +185,7 @@ impl<T: Real> Operators<T> {
         }
         let d_alpha = &outward * &(&pushed - &(&h_cross * &dV));
         let d_dv = forces(&dV, &d_alpha, None);
-        Ok(DynamicsDerivatives { d_dq, d_dv, d_dlast: self.mass_matrix() })
+        Ok(DynamicsDerivatives { d_dq, d_dv, d_last: self.mass_matrix() })
     }
 
     /// Accelerations 𝓜⁻¹ (T − C), by filter and smoother. `v`, `tau`: nv. Cost O(n).
@@ -218,7 +215,7 @@ impl<T: Real> Operators<T> {
         Ok(DynamicsDerivatives {
             d_dq: -(&inverse * &inverse_dynamics.d_dq),
             d_dv: -(&inverse * &inverse_dynamics.d_dv),
-            d_dlast: inverse,
+            d_last: inverse,
         })
     }
 }

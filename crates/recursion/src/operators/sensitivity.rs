@@ -158,16 +158,15 @@ impl<T: Real> Operators<T> {
         let K = &(&E_phi * &self.G) + &(&self.E_phi * &G);
         let E_psi = &(&E_phi * &self.tau_bar) + &(&self.E_phi * &tau_bar);
         let psi = &(&self.psi * &E_psi) * &self.psi;
-        let source = congruence([&self.H.adjoint(), &self.D_inverse], [
-            turned.is_some().then(|| H.adjoint()).as_ref(),
-            Some(&D_inverse),
-        ]);
+        let source = congruence(
+            [&self.H.adjoint(), &self.D_inverse],
+            [turned.is_some().then(|| H.adjoint()).as_ref(), Some(&D_inverse)],
+        );
         let source = source.unwrap_or_else(|| P.clone());
         let upsilon = self.upsilon_rate(&E_psi, &source)?;
         let state_covariance = congruence([&self.phi, &self.M], [Some(&phi), None]);
         let state_covariance = state_covariance.unwrap_or_else(|| P.clone());
-        let mass_matrix =
-            congruence([&self.H, &self.state_covariance()], [turns, Some(&state_covariance)]);
+        let mass_matrix = congruence([&self.H, &self.state_covariance()], [turns, Some(&state_covariance)]);
         let mass_matrix = mass_matrix.unwrap_or_else(|| D.clone());
         let inverse = self.mass_matrix_inverse();
         let mass_matrix_inverse = -(&(&inverse * &mass_matrix) * &inverse);

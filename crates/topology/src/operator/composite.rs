@@ -53,8 +53,8 @@ fn parts<T: Real>(edges: &Operator<T>, source: &Operator<T>) -> Result<Parts<T>,
     (&(edges * source) * &edges.adjoint()).check()?;
     let not_edges = || OperatorError::NotEdges { expression: edges.to_string() };
     let blocks = Band::of(edges).and_then(Band::into_edges).ok_or_else(not_edges)?;
-    let diagonal = Band::of(source).and_then(Band::into_diagonal).ok_or_else(|| OperatorError::NotDiagonal {
-        expression: source.to_string(),
-    })?;
+    let diagonal = Band::of(source)
+        .and_then(Band::into_diagonal)
+        .ok_or_else(|| OperatorError::NotDiagonal { expression: source.to_string() })?;
     Ok((blocks, diagonal, source.rows().clone()))
 }

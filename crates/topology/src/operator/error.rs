@@ -83,8 +83,7 @@ pub enum OperatorError {
 impl OperatorError {
     /// Two operators whose spaces do not fit.
     pub(super) fn spaces<T: phipsi_spatial::Real>(left: &Operator<T>, right: &Operator<T>) -> Self {
-        let side =
-            |a: &Operator<T>| format!("`{a}` (rows: {}; columns: {})", a.rows(), a.columns());
+        let side = |a: &Operator<T>| format!("`{a}` (rows: {}; columns: {})", a.rows(), a.columns());
         OperatorError::Spaces { left: side(left), right: side(right) }
     }
 }
@@ -104,22 +103,34 @@ impl fmt::Display for OperatorError {
                 write!(f, "operator `{name}` picks node {node}, but there are {nodes} nodes, counted from 0")
             }
             OperatorError::Spaces { left, right } => {
-                write!(f, "{left} and {right} do not fit: a product needs the columns of the left to be the rows of the right, a sum equal rows and columns")
+                write!(
+                    f,
+                    "{left} and {right} do not fit: a product needs the columns of the left to be the rows of the right, a sum equal rows and columns"
+                )
             }
             OperatorError::Length { expression, expected, found } => {
                 write!(f, "`{expression}` acts on {expected} numbers, given were {found}")
             }
             OperatorError::NotEdges { expression } => {
-                write!(f, "`{expression}` is not one block an edge of the tree, as the resolvent (I − E)⁻¹ needs")
+                write!(
+                    f,
+                    "`{expression}` is not one block an edge of the tree, as the resolvent (I − E)⁻¹ needs"
+                )
             }
             OperatorError::NotDiagonal { expression } => {
                 write!(f, "`{expression}` is not one block a node, as the recursion needs")
             }
             OperatorError::NoInverse { expression, why } => {
-                write!(f, "no identity gives the inverse of `{expression}` as sweeps: {why}; small ones can be inverted as dense matrices")
+                write!(
+                    f,
+                    "no identity gives the inverse of `{expression}` as sweeps: {why}; small ones can be inverted as dense matrices"
+                )
             }
             OperatorError::Singular { expression, node, pivot } => {
-                write!(f, "`{expression}` has no inverse: the block of node {node} is singular (pivot {pivot:e})")
+                write!(
+                    f,
+                    "`{expression}` has no inverse: the block of node {node} is singular (pivot {pivot:e})"
+                )
             }
         }
     }

@@ -65,8 +65,7 @@ impl<T: Real> Innovations<T> {
         let not_diagonal = |a: &Operator<T>| OperatorError::NotDiagonal { expression: a.to_string() };
         let diagonal = |a| Band::of(a).and_then(Band::into_diagonal).ok_or_else(|| not_diagonal(a));
         let (H, M) = (diagonal(hinge)?, diagonal(inertia)?);
-        let edges = edges_of(phi)
-            .ok_or_else(|| OperatorError::NotEdges { expression: phi.to_string() })?;
+        let edges = edges_of(phi).ok_or_else(|| OperatorError::NotEdges { expression: phi.to_string() })?;
         let n = H.len();
         let mut P = M;
         let (mut D, mut D_inverse, mut G, mut tau_bar) =
@@ -86,7 +85,9 @@ impl<T: Real> Innovations<T> {
             }
             let size = P[k].nrows();
             tau_bar.push(DMatrix::identity(size, size) - &gain * &H[k]);
-            (D.push(pivot), D_inverse.push(inverse), G.push(gain));
+            D.push(pivot);
+            D_inverse.push(inverse);
+            G.push(gain);
         }
         for blocks in [&mut D, &mut D_inverse, &mut G, &mut tau_bar] {
             blocks.reverse();
@@ -151,8 +152,8 @@ impl<T: Real> Operator<T> {
         let other = || OperatorError::NoInverse { expression: self.to_string(), why: why.into() };
         let at = factors.iter().position(|a| edges_of(a).is_some()).ok_or_else(other)?;
         let last = factors.len() - 1 - at;
-        let palindrome = at < last
-            && (0..=at).all(|i| factors[i].adjoint().is_same(&factors[factors.len() - 1 - i]));
+        let palindrome =
+            at < last && (0..=at).all(|i| factors[i].adjoint().is_same(&factors[factors.len() - 1 - i]));
         if !palindrome {
             return Err(other());
         }
@@ -190,8 +191,6 @@ fn inverse_of_positive<T: Real>(a: &DMatrix<T>) -> Result<DMatrix<T>, f64> {
             }
         }
     }
-    let entry = |i: usize, j: usize| {
-        (0..n).fold(T::zero(), |sum, k| sum + l[(k, i)] * l[(k, j)] / pivots[k])
-    };
+    let entry = |i: usize, j: usize| (0..n).fold(T::zero(), |sum, k| sum + l[(k, i)] * l[(k, j)] / pivots[k]);
     Ok(DMatrix::from_fn(n, n, entry))
 }
