@@ -54,7 +54,7 @@ pub use sensitivity::Sensitivity;
 ///     .joint(hinge("shoulder"), "world", "upper")
 ///     .joint(hinge("elbow"), "upper", "lower")
 ///     .build()?;
-/// let q = [0.3, -0.5];
+/// let q = [0.3, -0.5_f64];
 /// let ops = Operators::new(&model, &q)?;
 /// let mass = &ops.H * &ops.phi * &ops.M * ops.phi.adjoint() * ops.H.adjoint();
 /// assert_eq!(mass.to_string(), "H φ M φ* H*");
