@@ -28,9 +28,12 @@ use phipsi_topology::{Innovations, Operator, OperatorError, Space, Tree};
 use std::sync::Arc;
 
 mod derivatives;
+mod estimation;
 mod sensitivity;
+mod vertical_sweeps;
 
 pub use derivatives::DynamicsDerivatives;
+pub use estimation::{FieldSample, Filtered, RandomField, Smoothed};
 pub use sensitivity::Sensitivity;
 
 /// The spatial operators of a model at a configuration, named as in the papers.
