@@ -293,7 +293,11 @@ impl Operators {
         Ok(dict.into_any())
     }
     fn __repr__(&self) -> String {
-        format!("<phipsi.Operators of {} bodies, nv = {}>", self.bodies.len(), self.ops.joint_space().dimension())
+        format!(
+            "<phipsi.Operators of {} bodies, nv = {}>",
+            self.bodies.len(),
+            self.ops.joint_space().dimension()
+        )
     }
 }
 
