@@ -30,13 +30,16 @@ struct Held<T> {
     z: Wrench<T>,
 }
 
+/// P and z of an eliminated body, moved to its parent.
+type Moved<T> = (ArticulatedInertia<T>, Wrench<T>);
+
 /// Workspace of hybrid dynamics.
 #[derive(Clone, Debug)]
 pub struct HybridDynamics<T: Scalar> {
     shifts: Shifts<T::Arithmetic>,
     held: Vec<Held<T::Arithmetic>>,
     pivots: Vec<Pivot<T::Arithmetic>>,
-    pending: Pending<(ArticulatedInertia<T::Arithmetic>, Wrench<T::Arithmetic>)>,
+    pending: Pending<Moved<T::Arithmetic>>,
     alpha: Vec<Motion<T::Arithmetic>>,
     loads: Vec<Wrench<T::Arithmetic>>,
 }

@@ -159,6 +159,15 @@ class Model:
     def forward_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, wrenches: dict[str, ArrayLike] | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
+    def hybrid_dynamics(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        active: ArrayLike,
+        a_active: ArrayLike,
+        tau_passive: ArrayLike,
+        wrenches: dict[str, ArrayLike] | None = None,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
     def inverse_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, wrenches: dict[str, ArrayLike] | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
