@@ -246,3 +246,26 @@ def test_every_joint_type_round_trips():
 def test_import_needs_numpy_only():
     code = "import sys, phipsi; assert not {'pinocchio', 'mujoco', 'scipy'} & set(sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_hybrid_dynamics(model, seed):
+    """Any pattern gives an acceleration and a force that belong together; batches are single calls."""
+    m = model
+    rng = np.random.default_rng(seed)
+    q, v = m.random_state(seed)
+    active = rng.random(m.nv) < 0.5
+    a_active, tau_passive = rng.uniform(-1, 1, active.sum()), rng.uniform(-1, 1, (~active).sum())
+    tau_active, a_passive = m.hybrid_dynamics(q, v, active, a_active, tau_passive)
+    a, tau = np.empty(m.nv), np.empty(m.nv)
+    a[active], a[~active] = a_active, a_passive
+    tau[active], tau[~active] = tau_active, tau_passive
+    M, inverse = m.mass_matrix(q), m.mass_matrix_inverse(q)
+    force = np.abs(M).max() * (1 + np.abs(a).max()) + np.abs(m.bias_forces(q, v)).max()
+    close(m.inverse_dynamics(q, v, a), tau, force, m.nv * max(1.0, np.abs(M).max() * np.abs(inverse).max()))
+    two = m.hybrid_dynamics(q, v, active, np.stack([a_active, 2 * a_active]), tau_passive)
+    assert np.array_equal(two[0][0], tau_active) and np.array_equal(two[1][0], a_passive)
+    with pytest.raises(phipsi.ArgumentError, match="active"):
+        m.hybrid_dynamics(q, v, [True], a_active, tau_passive)
+    with pytest.raises(phipsi.ArgumentError, match="tau_passive"):
+        m.hybrid_dynamics(q, v, active, a_active, np.zeros(m.nv + 1))

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Files of `recursion` that hold no algorithm.
-const SUPPORT: [&str; 14] = [
+const SUPPORT: [&str; 15] = [
     "batch",
     "branching",
     "columns",
@@ -18,6 +18,7 @@ const SUPPORT: [&str; 14] = [
     "layout",
     "lib",
     "link",
+    "operators",
     "packed",
     "places",
 ];

@@ -144,6 +144,10 @@ impl Batch {
         }
         Ok(Batch { shape, count })
     }
+    /// Number of states.
+    pub fn len(&self) -> usize {
+        self.count
+    }
     /// Place of a state in the batch; `None` without batch axes.
     pub fn place(&self, state: usize) -> Option<Vec<usize>> {
         unravel(state, &self.shape)

@@ -3,7 +3,8 @@
 //! | file | what |
 //! |---|---|
 //! | `batch` | array-likes as states, broadcasting, the loop over states |
-//! | `model`, `dynamics`, `derivatives`, `kinematics` | methods of the class `Model` |
+//! | `model`, `dynamics`, `derivatives`, `hybrid`, `kinematics` | methods of the class `Model` |
+//! | `operators` | `phipsi.operators`: the classes `Operators` and `Operator` |
 //! | `molecule` | methods of the class `System`: energies and forces of molecules |
 //! | `torsion_model`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
 //! | `simulate`, `trajectory`, `simulator` | motion |
@@ -14,9 +15,11 @@ mod clustering;
 mod derivatives;
 mod dynamics;
 mod errors;
+mod hybrid;
 mod kinematics;
 mod model;
 mod molecule;
+mod operators;
 mod report;
 mod simulate;
 mod simulator;
@@ -31,6 +34,9 @@ use pyo3::prelude::*;
 fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     m.add_class::<model::Model>()?;
+    m.add_class::<operators::Operators>()?;
+    m.add_class::<operators::Operator>()?;
+    m.add_function(wrap_pyfunction!(operators::operators, m)?)?;
     m.add_class::<molecule::System>()?;
     m.add_class::<torsion_model::TorsionModel>()?;
     m.add_class::<torsion_model::Minimum>()?;

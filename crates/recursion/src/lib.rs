@@ -37,6 +37,7 @@ pub mod forward_dynamics_derivatives;
 mod ground_axes;
 pub mod hinge;
 pub mod hinge_check;
+pub mod hybrid_dynamics;
 pub mod innovations;
 pub mod inverse_dynamics;
 pub mod inverse_dynamics_derivatives;
@@ -62,6 +63,7 @@ pub use form::{Form, FormChoice, FormForwardDynamics};
 pub use forward_dynamics::{ForwardDynamics, ForwardInfo, WorstHinge, forward_dynamics, forward_info};
 pub use forward_dynamics_derivatives::{ForwardDynamicsDerivatives, forward_dynamics_derivatives};
 pub use hinge_check::singular_hinges;
+pub use hybrid_dynamics::{HybridDynamics, hybrid_dynamics};
 pub use innovations::innovations_operator;
 pub use inverse_dynamics::{
     InverseDynamics, bias_forces, gravity_forces, inverse_dynamics, multiply_by_mass_matrix,

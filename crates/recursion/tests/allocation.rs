@@ -4,9 +4,9 @@ use allocation_counter::measure;
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{
     About, ArticulatedSweep, CenterOfMass, CentroidalMomentumMatrix, Form, FormForwardDynamics,
-    ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics, InverseDynamicsDerivatives, Jacobian,
-    JointReactions, Kinematics, KineticEnergy, Layout, MassMatrix, MassMatrixInverse, MassMatrixSolution,
-    Momentum, body_pose, body_velocity,
+    ForwardDynamics, ForwardDynamicsDerivatives, HybridDynamics, InverseDynamics, InverseDynamicsDerivatives,
+    Jacobian, JointReactions, Kinematics, KineticEnergy, Layout, MassMatrix, MassMatrixInverse,
+    MassMatrixSolution, Momentum, body_pose, body_velocity,
 };
 use phipsi_reference::generate::case;
 use phipsi_spatial::Wrench;
@@ -50,6 +50,12 @@ fn kernels_do_not_allocate() {
         }
         assert_none("inverse dynamics", seed, || {
             inverse.run(&layout, q, v, &case.a, wrenches, &mut out).unwrap();
+        });
+        let active: Vec<bool> = (0..case.model.nv()).map(|i| i % 2 == 1).collect();
+        let (mut a, mut tau) = (case.a.clone(), case.tau.clone());
+        let mut hybrid = HybridDynamics::new(&layout);
+        assert_none("hybrid dynamics", seed, || {
+            hybrid.run(&layout, q, v, &active, &mut a, &mut tau, wrenches).unwrap();
         });
         assert_none("derivatives of inverse dynamics", seed, || {
             let out = (&mut d_dq, &mut d_dv, &mut d_last);

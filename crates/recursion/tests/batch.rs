@@ -114,6 +114,18 @@ fn every_kernel(s: &States, visitor: &mut impl Visit) {
     let zero = vec![0.0; s.v.len()];
     let (full, none): (&[usize], &[usize]) = (loaded, &[]);
 
+    let active: Vec<bool> = (0..model.nv()).map(|i| i % 3 == 1).collect();
+    let kernel = kernels::HybridDynamics { layout, active: &active, loaded: full };
+    visitor.visit("hybrid dynamics", kernel, &[&s.q, &s.v, &s.x, &s.wrenches], &|i| {
+        let [q, v, x] = [&s.q, &s.v, &s.x].map(|x| fused(s.row(x, i)));
+        let loads = fused_loads(&loads(i));
+        let (a, tau) = fast::hybrid_dynamics(layout, &q, &v, &active, &x, &x, Some(&loads))?;
+        Ok(a.iter()
+            .zip(&tau)
+            .zip(&active)
+            .map(|((a, tau), active)| if *active { tau.0 } else { a.0 })
+            .collect())
+    });
     let kernel = kernels::ForwardDynamics { layout, loaded: full };
     visitor.visit("forward dynamics under wrenches", kernel, &[&s.q, &s.v, &s.x, &s.wrenches], &|i| {
         forward(s, i, Some(&loads(i)))

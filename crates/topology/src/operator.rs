@@ -260,7 +260,21 @@ impl<T: Real> Operator<T> {
             Node::Mismatch(_) => 0,
         }
     }
-    /// The block of rows of node i and columns of node j. Cost: the columns of j times [`Operator::cost`].
+    /// The same operator under another name, with its blocks worked out where it is one block a node or one block an edge.
+    ///
+    /// # Errors
+    /// [`OperatorError::Spaces`] of an expression whose spaces do not fit.
+    pub fn named(&self, name: &str) -> Result<Self, OperatorError> {
+        self.check()?;
+        let leaf = match band::Band::of(self) {
+            Some(band::Band { diagonal: Some(blocks), edges: None }) => Leaf::Diagonal(blocks),
+            Some(band::Band { diagonal: None, edges: Some(edges) }) => Leaf::Edges(edges),
+            _ => return Ok(self.clone()),
+        };
+        Ok(Self::leaf(name, &self.rows, &self.columns, leaf))
+    }
+    /// The block of rows of node i and columns of node j. Cost: of one block a node or an edge nothing, else the columns of j
+    /// times [`Operator::cost`].
     ///
     /// # Errors
     /// [`OperatorError::Node`]; [`OperatorError::Spaces`] of an expression whose spaces do not fit.
@@ -270,6 +284,13 @@ impl<T: Real> Operator<T> {
             if node >= space.blocks() {
                 let (name, nodes) = (self.to_string(), space.blocks());
                 return Err(OperatorError::Node { name, node, nodes });
+            }
+        }
+        if let Node::Leaf { leaf, adjoint: false, .. } = &self.node {
+            match &**leaf {
+                Leaf::Diagonal(blocks) if i == j => return Ok(blocks[i].clone()),
+                Leaf::Edges(edges) if edges.tree.parent(j) == Some(i) => return Ok(edges.blocks[j].clone()),
+                _ => {}
             }
         }
         let (rows, columns) = (self.rows.range(i), self.columns.range(j));

@@ -5,7 +5,7 @@
 
 Conventions: six-vectors are angular first; quaternions x y z w; SI units; body velocities, Jacobians and momentum in world
 axes; wrenches in body axes at the body frame's origin. Leading batch axes are always allowed. Molecules, in nm, ps, Da and
-kJ/mol: ``phipsi.molecule``.
+kJ/mol: ``phipsi.molecule``. Operators of the algebra: ``phipsi.operators``.
 """
 
 from . import interop, molecule
@@ -13,6 +13,8 @@ from ._native import (
     ForwardInfo,
     Model,
     Note,
+    Operator,
+    Operators,
     Problem,
     Report,
     RunError,
@@ -20,6 +22,7 @@ from ._native import (
     Trajectory,
     WorstHinge,
     __version__,
+    operators,
     simulate,
 )
 from .errors import ArgumentError, ArgumentTypeError, Error, ModelError, NumericalError
@@ -34,6 +37,8 @@ __all__ = [
     "ModelError",
     "Note",
     "NumericalError",
+    "Operator",
+    "Operators",
     "Problem",
     "Report",
     "RunError",
@@ -44,5 +49,6 @@ __all__ = [
     "__version__",
     "interop",
     "molecule",
+    "operators",
     "simulate",
 ]

@@ -148,6 +148,42 @@ loaded! {
     };
 }
 
+/// Inputs q, v, what is given (accelerations of active, forces of passive degrees of freedom), wrenches; result what is wanted
+/// (forces of active, accelerations of passive ones).
+#[derive(Clone, Copy, Debug)]
+pub struct HybridDynamics<'a> {
+    /// The compiled model.
+    pub layout: &'a Layout<f64>,
+    /// Which degrees of freedom are active.
+    pub active: &'a [bool],
+    /// Bodies with external wrenches.
+    pub loaded: &'a [usize],
+}
+
+impl StateKernel for HybridDynamics<'_> {
+    type Workspace<T: Lanes> = (crate::HybridDynamics<T>, Vec<Wrench<T>>, Vec<T>);
+    fn workspace<T: Lanes>(&self) -> Self::Workspace<T> {
+        let wrenches = unloaded(self.loaded, self.layout.model_bodies());
+        (crate::HybridDynamics::new(self.layout), wrenches, vec![T::splat(0.0); self.layout.nv()])
+    }
+    #[inline(always)]
+    fn run<T: Lanes>(
+        &self,
+        (work, wrenches, tau): &mut Self::Workspace<T>,
+        inputs: &[Vec<T>],
+        out: &mut [T],
+    ) -> Result<(), DynamicsError> {
+        let wrenches = loads(self.loaded, inputs, 3, wrenches);
+        out.copy_from_slice(&inputs[2]);
+        tau.copy_from_slice(&inputs[2]);
+        work.run(self.layout, &inputs[0], &inputs[1], self.active, out, tau, wrenches)?;
+        for ((out, tau), _) in out.iter_mut().zip(tau).zip(self.active).filter(|(_, active)| **active) {
+            *out = *tau;
+        }
+        Ok(())
+    }
+}
+
 #[inline(always)]
 fn thirds<T>(out: &mut [T]) -> [&mut [T]; 3] {
     let size = out.len() / 3;

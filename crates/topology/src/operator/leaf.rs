@@ -54,11 +54,7 @@ fn transpose_multiply_add<T: Real>(a: &DMatrix<T>, x: &[T], y: &mut [T]) {
 }
 
 /// Two blocks of one vector, the first to read and the second to write.
-fn from_to<T>(
-    y: &mut [T],
-    from: std::ops::Range<usize>,
-    to: std::ops::Range<usize>,
-) -> (&[T], &mut [T]) {
+fn from_to<T>(y: &mut [T], from: std::ops::Range<usize>, to: std::ops::Range<usize>) -> (&[T], &mut [T]) {
     if from.start < to.start {
         let (low, high) = y.split_at_mut(to.start);
         (&low[from], &mut high[..to.end - to.start])

@@ -1,0 +1,96 @@
+"""Operators of a model from Python: expressions, their evaluation, and the kernels beside them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import phipsi
+from validation import robots
+
+from .common import EPSILON, arm
+
+
+@pytest.fixture(params=["arm", "arm-free", "panda", "solo12"])
+def model(request):
+    if request.param.startswith("arm"):
+        return arm("free" if request.param == "arm-free" else "fixed")
+    return phipsi.Model.from_urdf(robots.model_path(request.param))
+
+
+def close(got, wanted, scale, n):
+    """n·ε of the size of the terms; the models here have κ below a hundred."""
+    assert np.abs(np.asarray(got) - wanted).max() <= 100 * n * EPSILON * scale
+
+
+def test_expressions_are_the_kernels(model):
+    m = model
+    q, v = m.random_state(1)
+    tau = np.linspace(-1, 1, m.nv)
+    ops = phipsi.operators(m, q)
+    assert len(ops.bodies) * 6 == ops.phi.shape[0] and ops.H.shape == (m.nv, ops.phi.shape[0])
+    mass = ops.H @ ops.phi @ ops.M @ ops.phi.T @ ops.H.T
+    assert str(mass) == "H φ M φ* H*"
+    M, inverse = m.mass_matrix(q), m.mass_matrix_inverse(q)
+    kappa = np.abs(M).max() * np.abs(inverse).max()
+    close(mass.dense(), M, np.abs(M).max(), m.nv)
+    close(mass.inv() @ tau, m.solve_mass_matrix(q, tau), np.abs(inverse).max() * kappa, m.nv)
+    L = ops.I_joint - ops.H @ ops.psi @ ops.K
+    close((L.T @ ops.D_inverse @ L).dense(), inverse, np.abs(inverse).max() * kappa, m.nv)
+    assert mass.cost < 1000 * len(ops.bodies) + 1000
+    for body in m.body_names[-2:]:
+        point = np.array([0.1, -0.2, 0.3])
+        J = m.jacobian(q, body, point=point)
+        R = m.body_pose(q, body)[:3, :3]
+        try:
+            B = ops.B(body, point)
+        except phipsi.ArgumentError:
+            continue
+        own = B.T @ ops.phi.T @ ops.H.T @ v
+        close(np.concatenate([R @ own[:3], R @ own[3:]]), J @ v, m.nv, m.nv)
+
+
+def test_algebra(model):
+    ops = phipsi.operators(model, model.random_state(2)[0])
+    x = np.arange(1.0, 1.0 + ops.phi.shape[1])
+    batch = np.stack([x, -x, 2 * x])
+    close((ops.phi @ batch)[1], -(ops.phi @ x), np.abs(ops.phi @ x).max(), 1)
+    close(x @ ops.phi, ops.phi.T @ x, np.abs(ops.phi.T @ x).max(), 1)
+    close(ops.phi.inv() @ (ops.phi @ x), x, np.abs(ops.phi @ x).max(), len(x))
+    close((2.0 * ops.phi - ops.phi) @ x, ops.phi @ x, np.abs(ops.phi @ x).max(), len(x))
+    close((ops.phi - ops.I - ops.phi_tilde).dense(), 0.0, np.abs(ops.phi.dense()).max(), len(x))
+    close((ops.tau + ops.tau_bar).dense(), np.eye(len(x)), np.abs(ops.tau.dense()).max(), len(x))
+    omega = ops.psi.T @ ops.H.T @ ops.D_inverse @ ops.H @ ops.psi
+    close((omega - ops.omega).dense(), 0.0, np.abs(omega.dense()).max(), len(x))
+
+
+def test_sensitivities_are_differences(model):
+    m = model
+    q, _ = m.random_state(3)
+    step = 1e-5
+    for i in (0, m.nv - 1):
+        e = np.zeros(m.nv)
+        e[i] = step
+        rates = phipsi.operators(m, q).sensitivity(i)
+        after, before = phipsi.operators(m, m.integrate(q, e)), phipsi.operators(m, m.integrate(q, -e))
+        for name in ("phi", "P", "D", "G", "K", "psi", "upsilon", "R", "S", "omega"):
+            wanted = (getattr(after, name).dense() - getattr(before, name).dense()) / (2 * step)
+            scale = np.abs(getattr(after, name).dense()).max() + np.abs(wanted).max()
+            # Central differences: step² times a third derivative, and rounding over the step.
+            assert np.abs(rates[name].dense() - wanted).max() <= 1e-7 * scale * m.nv, name
+
+
+def test_mistakes_are_named(model):
+    ops = phipsi.operators(model, model.neutral() if model.nv else [])
+    with pytest.raises(phipsi.ArgumentError, match="do not fit"):
+        ops.phi @ ops.H
+    with pytest.raises(phipsi.ArgumentError, match="no identity"):
+        (ops.phi + ops.phi.T).inv()
+    with pytest.raises(phipsi.ArgumentError, match="`x` has shape"):
+        ops.phi @ [1.0, 2.0]
+    with pytest.raises(phipsi.ArgumentError, match="one configuration"):
+        phipsi.operators(model, [model.neutral()] * 2)
+    with pytest.raises(phipsi.ArgumentError, match="world"):
+        ops.B("world")
+    with pytest.raises(phipsi.ArgumentError, match="99"):
+        ops.sensitivity(99)
