@@ -310,6 +310,10 @@ impl<T: Real> Operators<T> {
         }
         Operator::pick_off("B", self.state_space(), nodes, blocks)
     }
+    /// The blocks of one of the diagonal operators.
+    fn own_blocks(a: &Operator<T>) -> Vec<DMatrix<T>> {
+        a.diagonal_blocks().unwrap_or_else(|error| unreachable!("one block a body: {error}"))
+    }
     /// Blocks of a diagonal operator of these bodies.
     fn diagonal(
         &self,

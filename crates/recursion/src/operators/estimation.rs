@@ -75,22 +75,29 @@ pub struct RandomField<T> {
     H: Operator<T>,
 }
 
-/// A lower triangular L with L L* = A of a positive semidefinite block; pivots that are rounding count as zero. Elimination
-/// begins with the last row: mass comes before moments, so that a point's moment leaves nothing behind.
-fn root<T: Real>(a: &DMatrix<T>) -> DMatrix<T> {
-    let n = a.nrows();
-    let (mut rest, mut out) = (a.clone(), DMatrix::from_element(n, n, T::zero()));
-    for j in (0..n).rev() {
-        let pivot = rest[(j, j)];
-        if !(pivot > a[(j, j)] * T::splat(16.0 * T::EPSILON)) {
-            continue;
-        }
-        let scale = pivot.sqrt().recip();
-        let column: Vec<T> = (0..n).map(|i| if i <= j { rest[(i, j)] * scale } else { T::zero() }).collect();
-        for i in 0..=j {
-            out[(i, j)] = column[i];
-            for k in 0..=j {
-                rest[(i, k)] -= column[i] * column[k];
+/// U with U U* = M of a body's inertia, which may be singular: mass before moments, so that a point's moment leaves nothing
+/// behind, then the largest moment first. What is left below rounding of the body's largest moment counts as zero.
+fn root<T: Real>(M: &DMatrix<T>) -> DMatrix<T> {
+    let n = M.nrows();
+    let (mut rest, mut out) = (M.clone(), DMatrix::from_element(n, n, T::zero()));
+    for half in [3..6, 0..3] {
+        let size = half.clone().fold(T::zero(), |m, i| m.larger(M[(i, i)]));
+        let mut left: Vec<usize> = half.collect();
+        while !left.is_empty() {
+            let larger =
+                |a: usize, b: usize| if rest[(left[b], left[b])] > rest[(left[a], left[a])] { b } else { a };
+            let j = left.remove((1..left.len()).fold(0, larger));
+            let pivot = rest[(j, j)];
+            if !(pivot > size * T::splat(64.0 * T::EPSILON)) {
+                break;
+            }
+            let scale = pivot.sqrt().recip();
+            let column: Vec<T> = (0..n).map(|i| rest[(i, j)] * scale).collect();
+            for i in 0..n {
+                out[(i, j)] = column[i];
+                for k in 0..n {
+                    rest[(i, k)] -= column[i] * column[k];
+                }
             }
         }
     }
@@ -220,8 +227,8 @@ impl<T: Real> Operators<T> {
     /// ```
     pub fn random_field(&self) -> RandomField<T> {
         let state = self.state_space();
-        let block = |k| self.M.block(k, k).unwrap_or_else(|error| unreachable!("M has this block: {error}"));
-        let root = self.diagonal("M^½", state, state, |k| root(&block(k)));
+        let blocks = Self::own_blocks(&self.M);
+        let root = self.diagonal("M^½", state, state, |k| root(&blocks[k]));
         RandomField { root, phi: self.phi.clone(), H: self.H.clone() }
     }
     /// One realization of [`Operators::random_field`].

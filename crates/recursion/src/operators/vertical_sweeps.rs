@@ -78,10 +78,7 @@ impl<T: Real> Operators<T> {
 
     fn parts(&self) -> Parts<T> {
         let shift = |k: usize| super::shift(&self.poses[k]);
-        let own = |a: &phipsi_topology::Operator<T>| -> Vec<DMatrix<T>> {
-            let block = |k| a.block(k, k).unwrap_or_else(|error| unreachable!("one block a body: {error}"));
-            (0..self.bodies.len()).map(block).collect()
-        };
+        let own = |a| Self::own_blocks(a);
         let each = |blocks: Vec<DMatrix<T>>| -> Vec<DMatrix<T>> {
             blocks.iter().enumerate().map(|(k, block)| shift(k) * block).collect()
         };
