@@ -5,13 +5,17 @@
 mod common;
 mod papers {
     pub mod closed;
+    pub mod covariance_table;
     pub mod covariances;
+    pub mod factors;
     pub mod filter;
+    pub mod inverse;
     pub mod operators;
     pub mod page;
     pub mod random_field;
     pub mod row;
     pub mod scene;
+    pub mod sensitivities;
 }
 
 use nalgebra::DMatrix;
@@ -38,7 +42,11 @@ fn rows() -> Vec<Row> {
         papers::random_field::rows(),
         papers::filter::rows(),
         papers::covariances::rows(),
+        papers::covariance_table::rows(),
+        papers::inverse::rows(),
         papers::operators::rows(),
+        papers::factors::rows(),
+        papers::sensitivities::rows(),
         papers::closed::rows(),
     ]
     .into_iter()

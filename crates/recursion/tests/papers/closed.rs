@@ -1,6 +1,7 @@
 //! Paper 2, sections 4.6 to 4.8: closed chains, under-actuated systems, free bases.
 
-use crate::papers::operators::{at_point, condition, constraint, jacobian_of_reference, small};
+use crate::papers::factors::{condition, constraint, small};
+use crate::papers::operators::{at_point, jacobian_of_reference};
 use crate::papers::row::{Equations, Row, eq, none, t};
 use crate::papers::scene::{Scene, inverse, stacked, zeros};
 use crate::{mul, row};

@@ -40,7 +40,9 @@ operators\", ICRA 2000.
 - *Free*: one tree on a free base.
 - *print*: what is wrong there; a number is the relative residual of the printed form.
 
-Not lines: figures, prose about filters, and flexible links (paper 2 §3.2), which has no equation.
+Not lines: figures, prose about filters, and flexible links (paper 2 §3.2), which has no equation. Sampled covariances, with their rate
+1/√N, are tested in `crates/recursion/tests/estimation.rs`; times are on [the next page](papers_cost.md), pictures in [Paper 1 on an
+arm](random_field.md).
 ";
 
 fn path() -> PathBuf {
