@@ -112,10 +112,12 @@ fn in_three_steps<T: Real>(s: &Scene<T>) -> Equations<T> {
     closed.nu = s.D_inverse.apply(&closed.epsilon).unwrap();
     let accelerations = s.smooth(&closed).unwrap();
     let want = multipliers(s, &B) * DMatrix::from_column_slice(tau.len(), 1, &tau);
+    let lost = condition(&omega, &inverse(&omega));
+    let terms = |x: Vec<T>| x.into_iter().map(|x| x * lost).collect::<Vec<T>>();
     eq(accelerations.acceleration, want)
-        .of(open.acceleration)
+        .of(terms(open.acceleration))
         .and(t(&B).apply(&accelerations.alpha).unwrap(), zeros(omega.nrows(), 1))
-        .of(open.alpha)
+        .of(terms(open.alpha))
 }
 
 /// The joints whose motion is given.
@@ -213,6 +215,8 @@ struct Inboard<T> {
     S_plus: Vec<DMatrix<T>>,
     s_plus: Vec<DMatrix<T>>,
     z: Vec<DMatrix<T>>,
+    /// What eliminating inboard joints may lose: the largest ratio of inertias with them locked and free.
+    growth: T,
 }
 
 fn inboard<T: Real>(s: &Scene<T>, tau: &[T]) -> Inboard<T> {
@@ -220,25 +224,32 @@ fn inboard<T: Real>(s: &Scene<T>, tau: &[T]) -> Inboard<T> {
     let (pass, T) = (s.pass(tau), s.cut(tau));
     let (mut S, mut S_plus) = (vec![zeros(6, 6); n], vec![zeros(6, 6); n]);
     let mut s_plus = vec![zeros(6, 1); n];
+    let (mut locked, mut growth) = (vec![zeros(6, 6); n], T::one());
     // On the base acts nothing but its own force.
     s_plus[0] = -(inverse(&b.H[0]) * &T[0]);
     let children = s.tree().children();
     for k in 1..n {
         let p = s.parent(k).expect("one root");
         let (mut inertia, mut bias) = (&b.M[p] + &S_plus[p], s_plus[p].clone());
+        let mut whole = &b.M[p] + &locked[p];
         for &j in children[p].iter().filter(|&&j| j != k) {
             inertia += &b.shift[j] * &b.P_plus[j] * b.shift[j].transpose();
             bias += &b.shift[j] * &pass.z_plus[j];
+            whole += &b.shift[j] * &b.R[j] * b.shift[j].transpose();
         }
         let back = inverse(&b.shift[k]);
         S[k] = &back * inertia * back.transpose();
         let own = &back * bias;
-        let pivot = inverse(&(&b.H[k] * &S[k] * b.H[k].transpose()));
+        locked[k] = &back * whole * back.transpose();
+        let at_joint = |a: &DMatrix<T>| &b.H[k] * a * b.H[k].transpose();
+        let pivot = inverse(&at_joint(&S[k]));
+        let held = at_joint(&locked[k]);
+        growth = (0..pivot.nrows()).fold(growth, |m, i| m.larger(held[(i, i)] * pivot[(i, i)]));
         let gain = &S[k] * b.H[k].transpose() * pivot;
         S_plus[k] = &S[k] - &gain * &b.H[k] * &S[k];
         s_plus[k] = &own - gain * (&T[k] + &b.H[k] * &own);
     }
-    Inboard { S, S_plus, s_plus, z: pass.z }
+    Inboard { S, S_plus, s_plus, z: pass.z, growth }
 }
 
 fn two_sided<T: Real>(s: &Scene<T>, which: usize) -> Equations<T> {
@@ -248,9 +259,13 @@ fn two_sided<T: Real>(s: &Scene<T>, which: usize) -> Equations<T> {
     let tau = s.applied();
     let sides = inboard(s, &tau);
     let b = &s.blocks;
-    let both: Vec<DMatrix<T>> = (0..s.n()).map(|k| inverse(&(&b.P[k] + &sides.S_plus[k]))).collect();
+    let sums: Vec<DMatrix<T>> = (0..s.n()).map(|k| &b.P[k] + &sides.S_plus[k]).collect();
+    let both: Vec<DMatrix<T>> = sums.iter().map(inverse).collect();
+    // The inverse of a sum rounds by its condition after scaling, the sum itself by the growth of the inboard sweep.
+    let scaled = |k: usize| (0..6).fold(T::one(), |m, i| m.larger(sums[k][(i, i)] * both[k][(i, i)]));
+    let lost = (0..s.n()).fold(T::one(), |m, k| m.larger(scaled(k))) * sides.growth;
     match which {
-        0 => eq(&s.upsilon, s.spatial_diagonal(&both)),
+        0 => eq(&s.upsilon, s.spatial_diagonal(&both)).of(s.spatial_diagonal(&both) * lost),
         1 => {
             let minv = s.mass_inverse_of_reference();
             let joint = s.joint_space();
@@ -266,12 +281,13 @@ fn two_sided<T: Real>(s: &Scene<T>, which: usize) -> Equations<T> {
             let all = |whole: bool| {
                 s.diagonal_matrix(joint, joint, &(0..s.n()).map(|k| block(k, whole)).collect::<Vec<_>>())
             };
-            eq(all(false), all(true))
+            eq(all(false), all(true)).of(all(true) * lost)
         }
         _ => {
             let alpha: Vec<DMatrix<T>> =
                 (0..s.n()).map(|k| -(&both[k] * (&sides.z[k] + &sides.s_plus[k]))).collect();
-            eq(stacked(&alpha), s.smooth(&s.filter(&tau).unwrap()).unwrap().alpha)
+            let terms: Vec<T> = stacked(&alpha).into_iter().map(|x| x * lost).collect();
+            eq(stacked(&alpha), s.smooth(&s.filter(&tau).unwrap()).unwrap().alpha).of(terms)
         }
     }
 }

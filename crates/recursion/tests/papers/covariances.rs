@@ -1,5 +1,6 @@
 //! Paper 1, section 10, Lemmas 7 to 11.
 
+use crate::papers::random_field::sizes;
 use crate::papers::row::{Equations, Row, eq, t};
 use crate::papers::scene::{Scene, zeros};
 use crate::{mul, row};
@@ -256,7 +257,8 @@ pub fn rows() -> Vec<Row> {
             "",
             "`Operators::batch_gain`",
             Trees,
-            |s| eq(mul!(s.H, s.batch_gain()), s.joint_identity()).of(mul!(s.factor(), s.innovations_operator()))
+            |s| eq(mul!(s.H, s.batch_gain()), s.joint_identity())
+                .of(sizes(&s.mass_of_reference()) * sizes(&s.mass_inverse_of_reference()))
         ),
         row!(
             "1 Lemma 11, proof",

@@ -34,7 +34,8 @@ operators\", ICRA 2000.
 - **expression**: the left side as the library shows it, where it is an operator; it evaluates as sweeps. Joints and bodies: [Conventions](conventions.md).
 - **f64, dd**: the largest difference of the two sides in units of n·ε·κ, with the ε of each number (2.2e-16, 4.9e-32). n counts bodies and
   degrees of freedom; κ is the measured answer of the left side to relative changes of all inputs, or of its largest term where terms cancel, times
-  the growth of the filter, the largest ratio of composite to articulated inertia of a hinge. Allowed is BUDGET.
+  what an elimination may lose: the largest product of diagonal entries of 𝓜 and 𝓜⁻¹ (at least the ratio of composite to articulated inertia of a
+  hinge). Allowed is BUDGET.
 - **cost**: multiplications and additions of one application of the left side, for each body of a long chain of hinges.
 - *Chains*: holds where nothing branches; on trees that branch on two levels it must fail, and the line says by how much. The next line has the form for trees.
 - *Free*: one tree on a free base.

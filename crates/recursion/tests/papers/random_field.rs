@@ -144,10 +144,15 @@ fn elements_of_S<T: Real>(s: &Scene<T>) -> Equations<T> {
     eq(s.state_covariance(), s.spatial(block))
 }
 
+/// |A|: what the terms of a product are as large as.
+pub fn sizes<T: Real>(a: &DMatrix<T>) -> DMatrix<T> {
+    a.map(|x| x.abs())
+}
+
 fn batch<T: Real>(s: &Scene<T>) -> Equations<T> {
     let S = s.state_covariance().dense().unwrap();
-    let dense = &S * hinges(s).transpose() * s.mass_inverse_of_reference();
-    eq(s.batch_gain(), dense)
+    let (right, inverse) = (&S * hinges(s).transpose(), s.mass_inverse_of_reference());
+    eq(s.batch_gain(), &right * &inverse).of(sizes(&right) * sizes(&inverse))
 }
 
 /// E(X/T) by its defining property: the error X − 𝒢 T is orthogonal to what is measured.

@@ -113,10 +113,10 @@ pub fn rows() -> Vec<Row> {
             |o| o.K.clone()
         )),
         row!("2 §4.5, τ̄", "τ̄˙ = −Ġ H − G Ḣ", "", "`Sensitivity::tau_bar`", Trees, |s| {
-            sensitivity(s, |r| r.tau_bar.clone(), |o| o.tau_bar.clone())
+            sensitivity(s, |r| r.tau_bar.clone(), |o| o.tau_bar.clone()).of(s.tau())
         }),
         row!("2 §4.5, E_ψ", "Ė_ψ = Ė_φ τ̄ + E_φ τ̄˙", "", "`Sensitivity::E_psi`", Trees, |s| {
-            sensitivity(s, |r| r.E_psi.clone(), |o| o.E_psi.clone())
+            sensitivity(s, |r| r.E_psi.clone(), |o| o.E_psi.clone()).of(&s.E_phi)
         }),
         row!("2 §4.5, ψ", "ψ̇ = ψ Ė_ψ ψ", "", "`Sensitivity::psi`", Trees, |s| sensitivity(
             s,
