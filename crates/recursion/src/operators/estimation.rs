@@ -88,7 +88,8 @@ fn root<T: Real>(M: &DMatrix<T>) -> DMatrix<T> {
                 |a: usize, b: usize| if rest[(left[b], left[b])] > rest[(left[a], left[a])] { b } else { a };
             let j = left.remove((1..left.len()).fold(0, larger));
             let pivot = rest[(j, j)];
-            if !(pivot > size * T::splat(64.0 * T::EPSILON)) {
+            let counts = pivot > size * T::splat(64.0 * T::EPSILON);
+            if !counts {
                 break;
             }
             let scale = pivot.sqrt().recip();

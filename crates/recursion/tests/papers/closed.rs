@@ -45,7 +45,7 @@ fn one_point<T: Real>(s: &Scene<T>) -> Equations<T> {
 fn closure<T: Real>(s: &Scene<T>) -> Option<(Operator<T>, DMatrix<T>)> {
     let (node, mut B) = constraint(s, 3)?;
     if let Some(other) = (0..s.n()).find(|&k| !s.carries(k, node)) {
-        let mut random = Random::new(s.seed ^ 0x7477_6f);
+        let mut random = Random::new(s.seed ^ 0x0074_776f);
         let block = DMatrix::from_fn(6, B.columns().dimension(), |_, _| T::splat(random.signed()));
         B = &B + &Operator::pick_off("B", s.state_space(), vec![other], vec![block]).unwrap();
     }
@@ -122,7 +122,7 @@ fn in_three_steps<T: Real>(s: &Scene<T>) -> Equations<T> {
 
 /// The joints whose motion is given.
 fn active<T: Real>(s: &Scene<T>, k: usize) -> bool {
-    (k as u64 + s.seed) % 3 == 0
+    (k as u64 + s.seed).is_multiple_of(3)
 }
 
 /// Operators of the passive joints: τ̄ = I at active ones, whose rows of H_p are empty.

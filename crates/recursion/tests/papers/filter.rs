@@ -241,7 +241,7 @@ pub fn rows() -> Vec<Row> {
             "`Operators::factor`",
             Trees,
             |s| eq(script_K(s), mul!(s.H, s.phi_tilde(), s.G))
-                .of(&s.factor())
+                .of(s.factor())
                 .and(mul!(s.factor(), s.D, t(&s.factor())), s.mass_matrix())
         ),
         row!(
