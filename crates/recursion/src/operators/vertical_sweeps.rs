@@ -61,18 +61,17 @@ impl<T: Real> Operators<T> {
             // Only bodies that come later in storage: the rest is the transpose.
             starts.extend(children[i].iter().map(|&c| (c, lambda.clone())));
             while let Some((c, lambda)) = starts.pop() {
-                let element = &lambda * &parts.K[c];
-                let (row, column) = (joint.range(i).start, joint.range(c).start);
                 if c > i {
+                    // Below the diagonal, where a column is one stretch of memory.
+                    let element = (&lambda * &parts.K[c]).transpose();
+                    let (row, column) = (joint.range(c).start, joint.range(i).start);
                     inverse.view_mut((row, column), element.shape()).copy_from(&element);
-                    inverse
-                        .view_mut((column, row), (element.ncols(), element.nrows()))
-                        .copy_from(&element.transpose());
                 }
                 let down = &lambda * &parts.psi[c];
                 starts.extend(children[c].iter().map(|&d| (d, down.clone())));
             }
         }
+        mirror(&mut inverse);
         inverse
     }
 
@@ -88,6 +87,21 @@ impl<T: Real> Operators<T> {
             K: each(own(&self.G)),
             psi: each(own(&self.tau_bar)),
             upsilon: own(&self.upsilon),
+        }
+    }
+}
+
+/// The upper triangle from the lower one, in tiles that fit into caches.
+fn mirror<T: Real>(a: &mut DMatrix<T>) {
+    const TILE: usize = 32;
+    let n = a.nrows();
+    for column in (0..n).step_by(TILE) {
+        for row in (column..n).step_by(TILE) {
+            for j in column..(column + TILE).min(n) {
+                for i in row.max(j + 1)..(row + TILE).min(n) {
+                    a[(j, i)] = a[(i, j)];
+                }
+            }
         }
     }
 }
