@@ -466,7 +466,7 @@ impl Compiled {
         Ok(wrenches)
     }
     /// "joint `elbow`, component 0".
-    fn place_of_velocity(&self, i: usize) -> String {
+    pub fn place_of_velocity(&self, i: usize) -> String {
         let (joint, component) = self.model.joint_of_velocity(i);
         format!("joint `{}`, component {component}", self.model.joints()[joint].name)
     }
