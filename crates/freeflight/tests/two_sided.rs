@@ -161,6 +161,9 @@ fn random_graph(seed: u64) -> Graph {
 /// The mechanism with a base: a model, the joints in its order with their signs, and each body's frame in its own.
 type Rooted = (Model, Vec<(usize, f64)>, Vec<Transform<f64>>);
 
+/// A rooting with the frames of its bodies and its state.
+type Known = (Model, Vec<Transform<f64>>, Vec<f64>, Vec<f64>);
+
 /// Body r is the base. Each body's frame in the model is that of its joint to the base.
 fn rooted(graph: &Graph, r: usize) -> Rooted {
     let n = graph.inertias.len();
@@ -228,7 +231,7 @@ fn the_choice_of_the_base_does_not_matter() {
         let (mut base_q, base_v) = (numbers(7), numbers(6));
         base_q[6] += 2.0;
         let mut first: Option<Vec<f64>> = None;
-        let mut world: Option<(Model, Vec<Transform<f64>>, Vec<f64>, Vec<f64>)> = None;
+        let mut world: Option<Known> = None;
         for r in 0..n {
             let (model, joints, frames) = rooted(&graph, r);
             let layout = Layout::<f64>::new(&model);

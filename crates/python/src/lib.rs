@@ -3,7 +3,7 @@
 //! | file | what |
 //! |---|---|
 //! | `batch` | array-likes as states, broadcasting, the loop over states |
-//! | `model`, `dynamics`, `derivatives`, `hybrid`, `kinematics` | methods of the class `Model` |
+//! | `model`, `dynamics`, `derivatives`, `hybrid`, `freeflight`, `kinematics` | methods of the class `Model` |
 //! | `operators` | `phipsi.operators`: the classes `Operators` and `Operator` |
 //! | `molecule` | methods of the class `System`: energies and forces of molecules |
 //! | `torsion_model`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
@@ -15,6 +15,7 @@ mod clustering;
 mod derivatives;
 mod dynamics;
 mod errors;
+mod freeflight;
 mod hybrid;
 mod kinematics;
 mod model;
