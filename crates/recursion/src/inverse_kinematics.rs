@@ -13,7 +13,7 @@
 //!
 //! Steps to a target that is reached are damped least squares, V σ/(σ² + μ) U* e with μ a multiple of |e|²: quadratic
 //! convergence also where the arm is redundant (Yamashita and Fukushima 2001). Where e does not go to zero its curvature counts
-//! and steps are Newton's, (B + μ) δq = −g. Limits hold by an active set: coordinates that the gradient presses against a limit
+//! and steps are Newton's, (B + μ) δq = −g with μ a multiple of the squares of the columns of W J. Limits hold by an active set: coordinates that the gradient presses against a limit
 //! stay there.
 
 use crate::error::{DynamicsError, check_length};
@@ -99,6 +99,8 @@ pub struct InverseKinematics<T: Scalar> {
     gradient: Vec<T>,
     frozen: Vec<bool>,
     hessian: Vec<T>,
+    /// Squares of the columns of W J, then μ.
+    squares: Vec<T>,
     best: Vec<T>,
 }
 
@@ -124,13 +126,16 @@ struct Goal<'a, T> {
 }
 
 impl<T: Real> Goal<'_, T> {
+    /// ℓ where rotations count, else zero.
+    fn scale(&self) -> f64 {
+        if self.options.orientation { self.length } else { 0.0 }
+    }
     fn residual(&self, q: &[T]) -> Result<Residual<T>, DynamicsError> {
         let pose = body_pose(self.layout, q, Some(self.body))?;
         let turned = self.target.rotation * pose.rotation.transpose();
         let rotation = Quaternion::from_rotation(&turned).log();
         let position = self.target.translation - pose.translation;
-        let scale = if self.options.orientation { T::splat(self.length) } else { T::zero() };
-        let ([a, b, c], [d, e, f]) = (rotation.scale(scale).0, position.0);
+        let ([a, b, c], [d, e, f]) = (rotation.scale(T::splat(self.scale())).0, position.0);
         let weighted = [a, b, c, d, e, f];
         Ok(Residual { rotation, position, weighted, square: dot(&weighted, &weighted) })
     }
@@ -164,6 +169,7 @@ impl<T: Real> InverseKinematics<T> {
             gradient: vec![T::zero(); nv],
             frozen: vec![false; nv],
             hessian: vec![T::zero(); nv * nv],
+            squares: vec![T::zero(); nv],
             best: vec![T::zero(); nq],
         }
     }
@@ -298,10 +304,11 @@ impl<T: Real> InverseKinematics<T> {
     fn descend(&mut self, goal: &Goal<'_, T>, iterations: &mut usize) -> Result<End<T>, DynamicsError> {
         let layout = goal.layout;
         let tips = [Tip { body: Some(goal.body), point: None }];
-        let weights = PseudoInverseOptions { length: goal.length, ..Default::default() };
+        let weights = PseudoInverseOptions { length: goal.scale(), ..Default::default() };
         let mut e = goal.residual(&self.q)?;
-        // μ = damping |e|² of least squares, μ = shift · largest diagonal entry of B of Newton's steps.
+        // μ = damping |e|² of least squares, shift · |column|² of Newton's steps.
         let (mut damping, mut shift, mut newton) = (1e-3, FLOOR, false);
+        let (mut polished, mut polishes) = (false, 0);
         for step in 0..=goal.options.iterations {
             self.pseudo.load(layout, &self.q, &tips, weights)?;
             self.differentiate(goal, &e);
@@ -312,7 +319,7 @@ impl<T: Real> InverseKinematics<T> {
             }
             let gradient = slope.sqrt() / (sigma * e.square.sqrt());
             let gradient = if gradient.is_positive() { gradient.to_f64() } else { 0.0 };
-            let stationary = gradient <= 64.0 * T::EPSILON;
+            let stationary = polished || gradient <= 64.0 * T::EPSILON;
             if goal.is_reached(&e) || stationary || step == goal.options.iterations {
                 return Ok(self.end(e, gradient));
             }
@@ -327,6 +334,12 @@ impl<T: Real> InverseKinematics<T> {
                 clip(goal.model, &self.lower, &self.upper, &mut self.trial);
                 let next = goal.residual(&self.trial)?;
                 let gain = ((e.square - next.square) / (predicted + predicted)).to_f64();
+                // Below the rounding of |e|² a Newton step still makes the gradient smaller.
+                let level = T::splat(32.0 * T::EPSILON) * e.square;
+                if newton && predicted <= level && next.square <= e.square + level {
+                    (polished, polishes) = (polishes > 2, polishes + 1);
+                    break Some(next);
+                }
                 if next.square < e.square {
                     let grip = if newton { &mut shift } else { &mut damping };
                     if gain > 0.7 {
@@ -366,11 +379,8 @@ impl<T: Real> InverseKinematics<T> {
     }
     /// g, and which coordinates it presses against a limit: their columns of W J become zero.
     fn differentiate(&mut self, goal: &Goal<'_, T>, e: &Residual<T>) {
-        let (nv, length) = (goal.layout.nv(), T::splat(goal.length));
+        let (nv, length) = (goal.layout.nv(), T::splat(goal.scale()));
         let matrix = self.pseudo.matrix_mut();
-        if !goal.options.orientation {
-            matrix[..3 * nv].fill(T::zero());
-        }
         for i in 0..nv {
             let mut g = T::zero();
             for r in 0..6 {
@@ -407,16 +417,19 @@ impl<T: Real> InverseKinematics<T> {
     }
     /// A Newton step with B made positive definite; returns the reduction of ½ |e|² that it promises.
     fn newton_step(&mut self, goal: &Goal<'_, T>, e: &Residual<T>, shift: &mut f64) -> T {
-        let scale = if goal.options.orientation { goal.length } else { 0.0 };
         loop {
-            let InverseKinematics { pseudo, path, hessian, step, gradient, frozen, .. } = self;
-            let largest = curvature(pseudo.matrix_mut(), path, frozen, scale, [e.rotation, e.position], hessian);
-            let mu = largest * T::splat(*shift);
+            let InverseKinematics { pseudo, path, hessian, step, gradient, frozen, squares, .. } = self;
+            let error = [e.rotation, e.position];
+            curvature(pseudo.matrix_mut(), path, frozen, goal.scale(), error, hessian, squares);
+            squares.iter_mut().for_each(|x| *x *= T::splat(*shift));
             step.fill(T::zero());
-            if factor_and_solve(path, frozen, hessian, mu, gradient, step) || *shift > 1e12 {
-                // (B + μ) δq = −g: −g·δq − ½ δq·B δq = ½ (−g·δq + μ |δq|²).
-                let along = -dot(gradient, step);
-                return (along + mu * dot(step, step)) * T::splat(0.5);
+            if factor_and_solve(path, frozen, hessian, squares, gradient, step) || *shift > 1e12 {
+                // (B + μ) δq = −g: −g·δq − ½ δq·B δq = ½ (−g·δq + δq·μ δq).
+                let mut twice = -dot(gradient, step);
+                for (x, mu) in step.iter().zip(&*squares) {
+                    twice += *x * *x * *mu;
+                }
+                return twice * T::splat(0.5);
             }
             *shift = (*shift * 10.0).max(1e-6);
         }

@@ -22,6 +22,7 @@ pub(crate) fn orthogonalize<T: Real>(vectors: &mut [T], length: usize, v: &mut [
         v[j * count + j] = T::one();
     }
     let tolerance = T::splat(T::EPSILON);
+    let negligible = tolerance * tolerance * (tolerance * tolerance);
     for _ in 0..SWEEPS {
         let mut rotated = false;
         for i in 0..count {
@@ -29,7 +30,11 @@ pub(crate) fn orthogonalize<T: Real>(vectors: &mut [T], length: usize, v: &mut [
                 let (a, b) = pair(vectors, length, i, j);
                 let (aa, bb, ab) = (dot(a, a), dot(b, b), dot(a, b));
                 // Also false where a number is not finite.
-                if !(ab.abs() > tolerance * (aa * bb).sqrt()) {
+                if !(ab.abs() > tolerance * (aa.sqrt() * bb.sqrt())) {
+                    continue;
+                }
+                // One is rounding of rounding: squares of what comes next would underflow.
+                if aa.larger(bb) * negligible > -(-aa).larger(-bb) {
                     continue;
                 }
                 rotated = true;

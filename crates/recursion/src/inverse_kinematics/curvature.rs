@@ -31,7 +31,7 @@ impl Path {
     }
 }
 
-/// B of the path's degrees of freedom, by rows; those at limits get a row of zeros. Returns the largest of |v|² + ℓ² |a|².
+/// B of the path's degrees of freedom, by rows; those at limits get a row of zeros. `squares`, nv: |v|² + ℓ² |a|².
 /// `scale`: ℓ, zero where rotations do not count.
 pub(super) fn curvature<T: Real>(
     jacobian: &[T],
@@ -40,7 +40,8 @@ pub(super) fn curvature<T: Real>(
     scale: f64,
     [rotation, position]: [Vec3<T>; 2],
     hessian: &mut [T],
-) -> T {
+    squares: &mut [T],
+) {
     let (nv, n, square) = (frozen.len(), path.dofs.len(), T::splat(scale * scale));
     let column = |i: usize| {
         let at = |r: usize| jacobian[r * nv + i];
@@ -55,10 +56,9 @@ pub(super) fn curvature<T: Real>(
         (T::one() - half * cosine / s) / theta2
     };
     let half = T::splat(0.5);
-    let mut largest = T::zero();
     for (row, &(i, joint)) in path.dofs.iter().enumerate() {
         let (a, v) = column(i);
-        largest = largest.larger(square.fma(a.dot(a), v.dot(v)));
+        squares[i] = square.fma(a.dot(a), v.dot(v));
         for (other, &(j, outer)) in path.dofs.iter().enumerate().skip(row) {
             let (b, w) = column(j);
             let bent = a.dot(b) - c * rotation.cross(a).dot(rotation.cross(b));
@@ -73,7 +73,6 @@ pub(super) fn curvature<T: Real>(
             hessian[other * n + row] = x;
         }
     }
-    largest
 }
 
 /// Solves (B + μ) δq = −g by Cholesky's factorisation in place; false if B + μ is not positive definite.
@@ -81,19 +80,21 @@ pub(super) fn factor_and_solve<T: Real>(
     path: &Path,
     frozen: &[bool],
     hessian: &mut [T],
-    mu: T,
+    mu: &[T],
     gradient: &[T],
     step: &mut [T],
 ) -> bool {
     let n = path.dofs.len();
     for j in 0..n {
-        let free = !frozen[path.dofs[j].0];
-        let mut pivot = if free { hessian[j * n + j] + mu } else { T::one() };
+        let dof = path.dofs[j].0;
+        // A column of zeros, as of a wrist that does not move the point, has no B and no gradient either.
+        let free = !frozen[dof] && mu[dof].is_positive();
+        let mut pivot = if free { hessian[j * n + j] + mu[dof] } else { T::one() };
         for k in 0..j {
             pivot -= hessian[j * n + k] * hessian[j * n + k];
         }
         // A pivot that is all rounding makes a step that is.
-        if !(pivot > mu * T::splat(1e-3)) || !pivot.is_positive() {
+        if !(pivot > mu[dof] * T::splat(1e-3)) || !pivot.is_positive() {
             return false;
         }
         let root = pivot.sqrt();
