@@ -11,7 +11,7 @@ use phipsi_recursion::{
 use phipsi_reference as slow;
 use phipsi_reference::generate::{Case, case};
 use phipsi_reference::sensitivity::widened;
-use phipsi_spatial::{Dd, Real};
+use phipsi_spatial::{Dd, Real, Scalar};
 
 const TREES: u64 = 300;
 
