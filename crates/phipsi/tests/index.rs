@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Files of `recursion` that hold no algorithm.
-const SUPPORT: [&str; 14] = [
+const SUPPORT: [&str; 15] = [
     "batch",
     "branching",
     "columns",
@@ -20,6 +20,7 @@ const SUPPORT: [&str; 14] = [
     "link",
     "packed",
     "places",
+    "singular_values",
 ];
 
 fn root() -> PathBuf {

@@ -64,7 +64,8 @@ pub mod upsilon;
 
 pub use articulated_sweep::ArticulatedSweep;
 pub use diagonal_dynamics::{
-    DiagonalDynamics, DiagonalVelocity, diagonal_coriolis, diagonal_dynamics, diagonal_velocity, joint_velocity,
+    DiagonalDynamics, DiagonalVelocity, diagonal_coriolis, diagonal_dynamics, diagonal_velocity,
+    joint_velocity,
 };
 pub use energy::{CenterOfMass, KineticEnergy, center_of_mass, kinetic_energy, potential_energy};
 pub use error::DynamicsError;

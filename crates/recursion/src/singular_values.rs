@@ -120,7 +120,8 @@ mod tests {
                     assert!(uu.abs().to_f64() <= 100.0 * T::EPSILON * (sigma[i] * sigma[j]).to_f64());
                 }
                 // A = (A V) V*.
-                let back = (0..count).fold(T::zero(), |sum, k| sum + u[k * length + i % length] * v[k * count + j]);
+                let back =
+                    (0..count).fold(T::zero(), |sum, k| sum + u[k * length + i % length] * v[k * count + j]);
                 let error = (back - a[j * length + i % length]).abs().to_f64();
                 assert!(error < 100.0 * T::EPSILON * sigma[0].to_f64(), "{error:e}");
             }

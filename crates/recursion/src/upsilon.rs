@@ -68,10 +68,18 @@ impl<T: Scalar> Compliance<T> {
     #[inline(always)]
     fn pass(&mut self, c: usize, pivot: &Pivot<T>) {
         let mut G = pivot.gain;
-        if c < 3 { G.moment.0[c] = T::zero() } else { G.force.0[c - 3] = T::zero() }
+        if c < 3 {
+            G.moment.0[c] = T::zero()
+        } else {
+            G.force.0[c - 3] = T::zero()
+        }
         let y = self.times(G);
         let (mut row, diagonal) = (-y, pivot.inverse + y.dot(G));
-        if c < 3 { row.angular.0[c] = diagonal } else { row.linear.0[c - 3] = diagonal }
+        if c < 3 {
+            row.angular.0[c] = diagonal
+        } else {
+            row.linear.0[c - 3] = diagonal
+        }
         self.set(c, &row);
     }
     /// The same for any axis.

@@ -2,7 +2,9 @@
 
 mod common;
 
-use common::{FACTOR, agree_on, by_vectors, gram, growth, scaled_condition, seeds, steps, wide, wide_wrenches};
+use common::{
+    FACTOR, agree_on, by_vectors, gram, growth, scaled_condition, seeds, steps, wide, wide_wrenches,
+};
 use phipsi_model::{Body, Inertia, Joint, JointKind, Limits, Model, ModelBuilder, Placement, Random};
 use phipsi_recursion::{
     InverseKinematicsOptions, Layout, PseudoInverseOptions, Tip, body_pose, inverse_kinematics, jacobian,
@@ -100,19 +102,23 @@ fn operational_space_inertia_is_the_pseudo_inverse_of_upsilon() {
             let r = body_pose(&layout, &q, Some(case.body)).unwrap().rotation;
             let block = upsilon(&layout, &q).unwrap()[case.body];
             let world = |m: [[Dd; 6]; 6]| -> [[Dd; 6]; 6] {
-                let half: [[Dd; 6]; 6] = std::array::from_fn(|i| std::array::from_fn(|j| {
-                    (0..3).fold(Dd::from_f64(0.0), |s, k| s + r.0[i % 3][k] * m[i / 3 * 3 + k][j])
-                }));
-                std::array::from_fn(|i| std::array::from_fn(|j| {
-                    (0..3).fold(Dd::from_f64(0.0), |s, k| s + half[i][j / 3 * 3 + k] * r.0[j % 3][k])
-                }))
+                let half: [[Dd; 6]; 6] = std::array::from_fn(|i| {
+                    std::array::from_fn(|j| {
+                        (0..3).fold(Dd::from_f64(0.0), |s, k| s + r.0[i % 3][k] * m[i / 3 * 3 + k][j])
+                    })
+                });
+                std::array::from_fn(|i| {
+                    std::array::from_fn(|j| {
+                        (0..3).fold(Dd::from_f64(0.0), |s, k| s + half[i][j / 3 * 3 + k] * r.0[j % 3][k])
+                    })
+                })
             };
             world(block)
         };
         let product = |a: &[[Dd; 6]; 6], b: &[[Dd; 6]; 6]| -> [[Dd; 6]; 6] {
-            std::array::from_fn(|i| std::array::from_fn(|j| {
-                (0..6).fold(Dd::from_f64(0.0), |s, k| s + a[i][k] * b[k][j])
-            }))
+            std::array::from_fn(|i| {
+                std::array::from_fn(|j| (0..6).fold(Dd::from_f64(0.0), |s, k| s + a[i][k] * b[k][j]))
+            })
         };
         let size = |a: &[[Dd; 6]; 6]| a.iter().flatten().fold(0.0f64, |m, x| m.max(x.hi.abs()));
         for (what, a, b) in [("Λ Υ Λ", &inertia, &turned), ("Υ Λ Υ", &turned, &inertia)] {
@@ -191,8 +197,9 @@ fn pseudo_inverses_fulfil_penrose() {
         }
         let zero = Dd::from_f64(0.0);
         // J J⁺ and J⁺ J are symmetric and leave J and J⁺ as they are.
-        let range: Vec<Vec<Dd>> =
-            (0..6).map(|r| (0..6).map(|c| (0..nv).fold(zero, |s, k| s + j[r][k] * inverse[k][c])).collect()).collect();
+        let range: Vec<Vec<Dd>> = (0..6)
+            .map(|r| (0..6).map(|c| (0..nv).fold(zero, |s, k| s + j[r][k] * inverse[k][c])).collect())
+            .collect();
         let allowed = 1e-27 * condition;
         for r in 0..6 {
             for c in 0..6 {
@@ -314,7 +321,10 @@ fn unreachable_poses_give_the_closest() {
         let [rotation, position] =
             slow::pose_error(&case.model, &widened(&found), case.body, &wide_pose(&target));
         assert!((rotation.norm().hi - info.rotation_error).abs() <= 1e-12, "PHIPSI_SEED={seed}");
-        assert!((position.norm().hi - info.position_error).abs() <= 1e-12 * (1.0 + info.length), "PHIPSI_SEED={seed}");
+        assert!(
+            (position.norm().hi - info.position_error).abs() <= 1e-12 * (1.0 + info.length),
+            "PHIPSI_SEED={seed}"
+        );
         if info.reached {
             continue;
         }
@@ -380,8 +390,7 @@ fn a_planar_arm_in_closed_form() {
     // A limit of 0.5 rad on the elbow keeps the hand 2 cos(½ · 0.5) away from the base.
     let model = planar(Some([-0.5, 0.5]));
     let layout = Layout::<f64>::new(&model);
-    let (q, info) =
-        inverse_kinematics(&model, &layout, 2, &at(0.0, 1.0), &[0.3, 0.4, 0.0], options).unwrap();
+    let (q, info) = inverse_kinematics(&model, &layout, 2, &at(0.0, 1.0), &[0.3, 0.4, 0.0], options).unwrap();
     let nearest = 2.0 * 0.25f64.cos() - 1.0;
     assert!(!info.reached && info.at_limits == 1 && (q[1].abs() - 0.5).abs() < 1e-15, "{q:?} {info:?}");
     assert!((info.position_error - nearest).abs() < 1e-12, "{info:?}");
@@ -419,7 +428,10 @@ fn convergence_is_quadratic_near_a_solution() {
                 pairs += 1;
                 // Singular values of a hundredth are passed as such: the constant of a quadratic is their inverse.
                 let constant = 1e2 * (info.singular_values[0] / smallest(&info.singular_values)).powi(2);
-                assert!(error < constant * before * before, "PHIPSI_SEED={seed}: {before:e} then {error:e} {info:?}");
+                assert!(
+                    error < constant * before * before,
+                    "PHIPSI_SEED={seed}: {before:e} then {error:e} {info:?}"
+                );
             }
             before = error;
         }

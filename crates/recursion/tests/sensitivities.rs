@@ -4,12 +4,12 @@ mod common;
 
 use common::{agree_on, by_vectors, gram, growth, scaled_condition, seeds};
 use phipsi_model::JointKind;
-use phipsi_recursion::{
-    ArticulatedSweep, Layout, LogDeterminantGradient, log_determinant_gradient, upsilon,
-};
+use phipsi_recursion::batch::{Input, kernels, run_batch};
+use phipsi_recursion::{ArticulatedSweep, Layout, LogDeterminantGradient, log_determinant_gradient, upsilon};
 use phipsi_reference as slow;
 use phipsi_reference::generate::{Case, case};
 use phipsi_reference::sensitivity::widened;
+use phipsi_spatial::lanes::Level;
 use phipsi_spatial::{Dd, Real};
 
 const TREES: u64 = 300;
@@ -136,4 +136,42 @@ fn roots_have_no_gradient() {
         let sweep = ArticulatedSweep::new(&layout, &case.q).unwrap();
         assert_eq!(work.factors().log_determinant(), sweep.log_determinant(), "PHIPSI_SEED={seed}");
     }
+}
+
+/// States in lanes of every width have the bits of one state by itself.
+#[test]
+fn lanes_give_the_bits_of_one_state() {
+    const STATES: usize = 11;
+    for seed in seeds(60) {
+        let case = case(seed);
+        let layout = Layout::<f64>::new(&case.model);
+        let mut q = case.q.clone();
+        (1..STATES as u64).for_each(|i| q.extend(case.model.random_state(100 * seed + i).q));
+        let (nq, nv, n) = (case.model.nq(), case.model.nv(), case.model.len());
+        let (mut gradients, mut blocks) = (vec![0.0; STATES * nv], vec![0.0; STATES * 36 * n]);
+        for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+            let inputs = [Input::each(&q, nq)];
+            let kernel = kernels::LogDeterminantGradient { layout: &layout };
+            run_batch(&kernel, level, &inputs, STATES, &mut gradients).unwrap();
+            run_batch(&kernels::Upsilon { layout: &layout }, level, &inputs, STATES, &mut blocks).unwrap();
+            for (i, q) in q.chunks_exact(nq).enumerate() {
+                let gradient = log_determinant_gradient(&layout, q).unwrap();
+                assert_eq!(
+                    bits(&gradients[i * nv..(i + 1) * nv]),
+                    bits(&gradient),
+                    "PHIPSI_SEED={seed}, state {i}"
+                );
+                let own = flat(&upsilon(&layout, q).unwrap());
+                assert_eq!(
+                    bits(&blocks[i * 36 * n..(i + 1) * 36 * n]),
+                    bits(&own),
+                    "PHIPSI_SEED={seed}, state {i}"
+                );
+            }
+        }
+    }
+}
+
+fn bits(x: &[f64]) -> Vec<u64> {
+    x.iter().map(|x| x.to_bits()).collect()
 }

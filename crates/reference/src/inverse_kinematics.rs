@@ -21,10 +21,7 @@ fn rotation_vector<T: Real>(r: &Mat3<T>) -> Vec3<T> {
 pub fn pose_error<T: Real>(model: &Model, q: &[T], body: usize, target: &Transform<T>) -> [Vec3<T>; 2] {
     let zero = vec![T::zero(); model.nv()];
     let pose = kinematics(model, q, &zero, &zero)[body].pose;
-    [
-        rotation_vector(&(target.rotation * pose.rotation.transpose())),
-        target.translation - pose.translation,
-    ]
+    [rotation_vector(&(target.rotation * pose.rotation.transpose())), target.translation - pose.translation]
 }
 
 /// The gradient of ½ (ℓ² |rotation|² + |displacement|²) along the increments of q, nv.

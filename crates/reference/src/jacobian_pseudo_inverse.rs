@@ -40,9 +40,5 @@ pub fn jacobian_pseudo_inverse<T: Real>(j: &DMatrix<T>, x: &[T]) -> Result<Vec<T
     let times = |a: &DMatrix<T>, b: &[T]| -> Vec<T> {
         (0..a.nrows()).map(|r| (0..a.ncols()).fold(T::zero(), |sum, k| sum + a[(r, k)] * b[k])).collect()
     };
-    if rows <= n {
-        Ok(times(&transpose, &solve(j, x)?))
-    } else {
-        solve(&transpose, &times(&transpose, x))
-    }
+    if rows <= n { Ok(times(&transpose, &solve(j, x)?)) } else { solve(&transpose, &times(&transpose, x)) }
 }
