@@ -3,7 +3,7 @@
 //! | file | what |
 //! |---|---|
 //! | `batch` | array-likes as states, broadcasting, the loop over states |
-//! | `model`, `dynamics`, `derivatives`, `kinematics` | methods of the class `Model` |
+//! | `model`, `dynamics`, `derivatives`, `kinematics`, `jacobians`, `velocities` | methods of the class `Model` |
 //! | `molecule` | methods of the class `System`: energies and forces of molecules |
 //! | `torsion_model`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
 //! | `simulate`, `trajectory`, `simulator` | motion |
@@ -14,6 +14,7 @@ mod clustering;
 mod derivatives;
 mod dynamics;
 mod errors;
+mod jacobians;
 mod kinematics;
 mod model;
 mod molecule;
@@ -23,6 +24,7 @@ mod simulator;
 mod torsion_model;
 mod torsion_run;
 mod trajectory;
+mod velocities;
 
 use pyo3::prelude::*;
 
@@ -40,6 +42,8 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<report::Problem>()?;
     m.add_class::<dynamics::ForwardInfo>()?;
     m.add_class::<dynamics::WorstHinge>()?;
+    m.add_class::<jacobians::OperationalSpaceInfo>()?;
+    m.add_class::<jacobians::InverseKinematicsInfo>()?;
     m.add_class::<trajectory::Trajectory>()?;
     m.add_class::<trajectory::RunError>()?;
     m.add_class::<simulator::Simulator>()?;

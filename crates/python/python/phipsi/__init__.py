@@ -11,8 +11,10 @@ kJ/mol: ``phipsi.molecule``.
 from . import interop, molecule
 from ._native import (
     ForwardInfo,
+    InverseKinematicsInfo,
     Model,
     Note,
+    OperationalSpaceInfo,
     Problem,
     Report,
     RunError,
@@ -30,10 +32,12 @@ __all__ = [
     "ArgumentTypeError",
     "Error",
     "ForwardInfo",
+    "InverseKinematicsInfo",
     "Model",
     "ModelError",
     "Note",
     "NumericalError",
+    "OperationalSpaceInfo",
     "Problem",
     "Report",
     "RunError",
