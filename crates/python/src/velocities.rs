@@ -6,8 +6,23 @@ use crate::model::{Model, Names};
 use phipsi::molecule::{Deviates, sample_velocities};
 use phipsi::recursion::articulated_sweep::SolveWorkspace;
 use phipsi::recursion::batch::kernels;
-use phipsi::recursion::{ArticulatedSweep, LogDeterminantGradient};
+use phipsi::recursion::{ArticulatedSweep, DynamicsError, Layout};
 use pyo3::prelude::*;
+
+/// The factors of M at a configuration, in the workspace of the first.
+fn factored<'a>(
+    factors: &'a mut Option<ArticulatedSweep<f64>>,
+    layout: &Layout<f64>,
+    q: &[f64],
+) -> Result<&'a ArticulatedSweep<f64>, DynamicsError> {
+    match factors {
+        Some(factors) => {
+            factors.update(layout, q)?;
+            Ok(factors)
+        }
+        None => Ok(factors.insert(ArticulatedSweep::new(layout, q)?)),
+    }
+}
 
 #[pymethods]
 impl Model {
@@ -30,11 +45,9 @@ impl Model {
         let out = batch.each(
             py,
             1,
-            || LogDeterminantGradient::<f64>::new(layout),
-            |work, i, out| {
-                let mut gradient = vec![0.0; layout.nv()];
-                work.run(layout, q.at(i), &mut gradient)?;
-                out[0] = work.factors().log_determinant();
+            || None,
+            |factors, i, out| {
+                out[0] = factored(factors, layout, q.at(i))?.log_determinant();
                 Ok(())
             },
         );
@@ -112,14 +125,8 @@ impl Model {
             py,
             nv,
             || (None, SolveWorkspace::<f64>::new(layout)),
-            |(factors, workspace): &mut (Option<ArticulatedSweep<f64>>, _), i, out| {
-                let factors = match factors {
-                    Some(factors) => {
-                        factors.update(layout, q.at(i))?;
-                        factors
-                    }
-                    None => factors.insert(ArticulatedSweep::new(layout, q.at(i))?),
-                };
+            |(factors, workspace), i, out| {
+                let factors = factored(factors, layout, q.at(i))?;
                 let mut deviates = Deviates::stream(seed, i as u64);
                 sample_velocities(layout, factors, kT, &mut deviates, workspace, out);
                 Ok(())

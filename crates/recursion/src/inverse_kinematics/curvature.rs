@@ -31,7 +31,8 @@ impl Path {
     }
 }
 
-/// B of the path's degrees of freedom, by rows; those at limits get a row of zeros. `squares`, nv: |v|² + ℓ² |a|².
+/// B of the path's degrees of freedom, by rows; those at limits get a row of zeros. `squares`, nv: |v|² + ℓ² |a|², at least
+/// √ε of the largest.
 /// `scale`: ℓ, zero where rotations do not count.
 pub(super) fn curvature<T: Real>(
     jacobian: &[T],
@@ -73,6 +74,10 @@ pub(super) fn curvature<T: Real>(
             hessian[other * n + row] = x;
         }
     }
+    // Columns that are rounding have a B that is: μ must outgrow it.
+    let largest = path.dofs.iter().fold(T::zero(), |largest, &(i, _)| squares[i].larger(largest));
+    let least = largest * T::splat(T::EPSILON.sqrt());
+    path.dofs.iter().for_each(|&(i, _)| squares[i] = squares[i].larger(least));
 }
 
 /// Solves (B + μ) δq = −g by Cholesky's factorisation in place; false if B + μ is not positive definite.
