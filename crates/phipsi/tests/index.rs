@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Files of `recursion` that hold no algorithm.
-const SUPPORT: [&str; 15] = [
+const SUPPORT: [&str; 16] = [
     "batch",
     "branching",
     "columns",
@@ -21,6 +21,7 @@ const SUPPORT: [&str; 15] = [
     "operators",
     "packed",
     "places",
+    "singular_values",
 ];
 
 fn root() -> PathBuf {

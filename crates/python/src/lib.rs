@@ -3,7 +3,7 @@
 //! | file | what |
 //! |---|---|
 //! | `batch` | array-likes as states, broadcasting, the loop over states |
-//! | `model`, `dynamics`, `derivatives`, `hybrid`, `freeflight`, `kinematics` | methods of the class `Model` |
+//! | `model`, `dynamics`, `derivatives`, `hybrid`, `freeflight`, `kinematics`, `jacobians`, `velocities` | methods of the class `Model` |
 //! | `operators` | `phipsi.operators`: the classes `Operators` and `Operator` |
 //! | `molecule` | methods of the class `System`: energies and forces of molecules |
 //! | `torsion_model`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
@@ -17,6 +17,7 @@ mod dynamics;
 mod errors;
 mod freeflight;
 mod hybrid;
+mod jacobians;
 mod kinematics;
 mod model;
 mod molecule;
@@ -27,6 +28,7 @@ mod simulator;
 mod torsion_model;
 mod torsion_run;
 mod trajectory;
+mod velocities;
 
 use pyo3::prelude::*;
 
@@ -47,6 +49,8 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<report::Problem>()?;
     m.add_class::<dynamics::ForwardInfo>()?;
     m.add_class::<dynamics::WorstHinge>()?;
+    m.add_class::<jacobians::OperationalSpaceInfo>()?;
+    m.add_class::<jacobians::InverseKinematicsInfo>()?;
     m.add_class::<trajectory::Trajectory>()?;
     m.add_class::<trajectory::RunError>()?;
     m.add_class::<simulator::Simulator>()?;

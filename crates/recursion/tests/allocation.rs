@@ -3,10 +3,12 @@
 use allocation_counter::measure;
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{
-    About, ArticulatedSweep, CenterOfMass, CentroidalMomentumMatrix, Form, FormForwardDynamics,
-    ForwardDynamics, ForwardDynamicsDerivatives, HybridDynamics, InverseDynamics, InverseDynamicsDerivatives,
-    Jacobian, JointReactions, Kinematics, KineticEnergy, Layout, MassMatrix, MassMatrixInverse,
-    MassMatrixSolution, Momentum, body_pose, body_velocity,
+    About, ArticulatedSweep, CenterOfMass, CentroidalMomentumMatrix, DiagonalDynamics, DiagonalVelocity,
+    Form, FormForwardDynamics, ForwardDynamics, ForwardDynamicsDerivatives, HybridDynamics, InverseDynamics,
+    InverseDynamicsDerivatives, InverseKinematics, InverseKinematicsOptions, Jacobian, JacobianPseudoInverse,
+    JointReactions, Kinematics, KineticEnergy, Layout, Linearization, LogDeterminantGradient, MassMatrix,
+    MassMatrixInverse, MassMatrixSolution, Momentum, OperationalSpaceInertia, PseudoInverseOptions, Tip,
+    Upsilon, body_pose, body_velocity,
 };
 use phipsi_reference::generate::case;
 use phipsi_spatial::Wrench;
@@ -100,6 +102,43 @@ fn kernels_do_not_allocate() {
         let mut jacobian = Jacobian::new(&layout);
         assert_none("Jacobian", seed, || {
             jacobian.run(&layout, q, Some(case.body), Some(case.point), &mut rows).unwrap();
+        });
+        let (mut gradient, mut upsilon) = (LogDeterminantGradient::new(&layout), Upsilon::new(&layout));
+        let mut blocks = vec![0.0; 36 * case.model.len()];
+        assert_none("gradient of the determinant", seed, || {
+            gradient.run(&layout, q, &mut out).unwrap();
+            upsilon.run(&layout, q, &mut blocks).unwrap();
+        });
+        let mut diagonal = DiagonalDynamics::new(&layout);
+        let mut rate = out.clone();
+        assert_none("diagonal dynamics", seed, || {
+            for kind in [DiagonalVelocity::Plain, DiagonalVelocity::Normalized] {
+                diagonal.diagonal(&layout, q, v, kind, &mut out).unwrap();
+                diagonal.joint_velocity(&layout, q, v, kind, &mut out).unwrap();
+                diagonal.coriolis(&layout, q, v, kind, &mut out).unwrap();
+                diagonal.run(&layout, q, v, &case.tau, wrenches, kind, &mut out, &mut rate).unwrap();
+            }
+        });
+        let mut inertia = OperationalSpaceInertia::new(&layout);
+        let mut pseudo_inverse = JacobianPseudoInverse::new(&layout, 2);
+        let tips =
+            [Tip { body: Some(case.body), point: Some(case.point) }, Tip { body: Some(0), point: None }];
+        assert_none("inverses of the Jacobian", seed, || {
+            inertia.run(&layout, q, Some(case.body), Some(case.point), &mut blocks[..36]).unwrap();
+            pseudo_inverse.update(&layout, q, &tips, PseudoInverseOptions::default()).unwrap();
+            pseudo_inverse.solve(&[0.1; 12], &mut out).unwrap();
+        });
+        let mut inverse_kinematics = InverseKinematics::new(&case.model, &layout);
+        let mut found = case.q.clone();
+        let options = InverseKinematicsOptions { restarts: 1, iterations: 5, ..Default::default() };
+        let target = body_pose(&layout, &case.model.random_state(seed).q, Some(case.body)).unwrap();
+        assert_none("inverse kinematics", seed, || {
+            inverse_kinematics.run(&case.model, &layout, case.body, &target, q, options, &mut found).unwrap();
+        });
+        let mut linearization = Linearization::new(&layout);
+        let (mut a, mut b) = (vec![0.0; 4 * matrix.len()], vec![0.0; 2 * matrix.len()]);
+        assert_none("linearization", seed, || {
+            linearization.run(&layout, q, v, &case.tau, wrenches, &mut a, &mut b).unwrap();
         });
         let mut reactions = JointReactions::new(&case.model, &layout);
         let mut forces = vec![Wrench::zero(); case.model.len()];
