@@ -236,7 +236,7 @@ kernel! {
         }
         if kind == DiagonalVelocity::Normalized {
             for (x, pivot) in out.iter_mut().zip(&factors.pivots) {
-                *x = *x / pivot.inverse.sqrt();
+                *x /= pivot.inverse.sqrt();
             }
         }
         Ok(())

@@ -194,6 +194,7 @@ impl<T: Real> InverseKinematics<T> {
     ///
     /// # Errors
     /// [`DynamicsError::Shape`], [`DynamicsError::Closure`]; [`DynamicsError::NotFinite`] if q0 or the target is not finite.
+    #[allow(clippy::too_many_arguments)]
     pub fn run(
         &mut self,
         model: &Model,
