@@ -236,7 +236,7 @@ kernel! {
         }
         if kind == DiagonalVelocity::Normalized {
             for (x, pivot) in out.iter_mut().zip(&factors.pivots) {
-                *x = *x / pivot.inverse.sqrt();
+                *x /= pivot.inverse.sqrt();
             }
         }
         Ok(())
@@ -454,7 +454,7 @@ pub fn diagonal_coriolis<T: Scalar>(
 ///     .gravity([0.0, 0.0, -9.81])
 ///     .build()?;
 /// let layout = Layout::<f64>::new(&model);
-/// let nu = [2.0]; // kinetic energy 2 J
+/// let nu = [2.0f64]; // kinetic energy 2 J
 /// let (v, rate) = diagonal_dynamics(&layout, &[0.0], &nu, &[0.0], None, DiagonalVelocity::Normalized)?;
 /// assert!((v[0] * v[0] / 6.0 - 2.0).abs() < 1e-14);
 /// assert!((rate[0] - 1.5 * 9.81 / 3.0f64.sqrt()).abs() < 1e-14);

@@ -7,9 +7,9 @@
 //! | ℓ | radius at which rotations count as lengths | |
 //! | e | (ℓ φ, p): ½ |e|² is made least | |
 //! | W J | Jacobian with angular rows times ℓ: e changes by −W J δq, to first order in e | paper 2 (4.8) |
-//! | σ, U, V | singular values and vectors of W J | [`crate::jacobian_pseudo_inverse`] |
+//! | σ, U, V | singular values and vectors of W J | [`crate::jacobian_pseudo_inverse`](mod@crate::jacobian_pseudo_inverse) |
 //! | g | −(W J)* e, the gradient: exact, for φ · Jr⁻¹(φ) ω = φ · ω | |
-//! | B | second derivatives of ½ |e|² along the increments of `Model::integrate` | [`curvature`] |
+//! | B | second derivatives of ½ |e|² along the increments of `Model::integrate`, exact | `curvature.rs` |
 //!
 //! Steps to a target that is reached are damped least squares, V σ/(σ² + μ) U* e with μ a multiple of |e|²: quadratic
 //! convergence also where the arm is redundant (Yamashita and Fukushima 2001). Where e does not go to zero its curvature counts
@@ -194,6 +194,7 @@ impl<T: Real> InverseKinematics<T> {
     ///
     /// # Errors
     /// [`DynamicsError::Shape`], [`DynamicsError::Closure`]; [`DynamicsError::NotFinite`] if q0 or the target is not finite.
+    #[allow(clippy::too_many_arguments)]
     pub fn run(
         &mut self,
         model: &Model,

@@ -292,12 +292,11 @@ pub fn jacobian_gram<T: Real>(layout: &Layout<T>, q: &[T], tips: &[Tip<T>]) -> R
     Ok(out)
 }
 
+/// A body of the layout, and six wrenches in its axes at its origin.
+type PickOff<T> = (usize, [Wrench<T>; 6]);
+
 /// The body of the layout that carries a tip, and unit wrenches at the tip in world axes, moved to its origin and axes.
-fn pick_off<T: Real>(
-    layout: &Layout<T>,
-    q: &[T],
-    tip: &Tip<T>,
-) -> Result<Option<(usize, [Wrench<T>; 6])>, DynamicsError> {
+fn pick_off<T: Real>(layout: &Layout<T>, q: &[T], tip: &Tip<T>) -> Result<Option<PickOff<T>>, DynamicsError> {
     let Some(body) = tip.body else { return Ok(None) };
     let carrier = &layout.carriers()[body];
     if carrier.body == GROUND {

@@ -3,8 +3,8 @@
 //! | symbol | meaning | shape | source |
 //! |---|---|---|---|
 //! | δq, δv | deviation from the motion through (q, v): `difference`(q̄, q), v − v̄ | nv | |
-//! | A | ∂(δq̇, δv̇)/∂(δq, δv) = [[−ad(v), I], [∂θ̈/∂q, ∂θ̈/∂v]] | 2nv×2nv | |
-//! | B | ∂(δq̇, δv̇)/∂τ = [[0], [M⁻¹]] | 2nv×nv | |
+//! | A | ∂(δq̇, δv̇)/∂(δq, δv) = (−ad(v), I; ∂θ̈/∂q, ∂θ̈/∂v) | 2nv×2nv | |
+//! | B | ∂(δq̇, δv̇)/∂τ = (0; M⁻¹) | 2nv×nv | |
 //! | ad(v) | of each joint: its own velocity's cross product on increments in body axes; zero for joints that add their increments | nv×nv | |
 //!
 //! With q = q̄ ∘ τ(δq) and both moving, δq̇ = δv − ad(v̄) δq + O(2): increments are seen from a frame that turns.

@@ -3,7 +3,7 @@
 //! | symbol | meaning | shape | source |
 //! |---|---|---|---|
 //! | P⁺ | (I − G H) P, inertia outboard of the joint, on its inboard side | 6×6 | paper 1 (9.7) |
-//! | Y⁺ | φ*(p,k) Y(p) φ(p,k), compliance inboard of the joint, joint frozen: [`crate::upsilon`] | 6×6 | soa.md 3.2 |
+//! | Y⁺ | φ*(p,k) Y(p) φ(p,k), compliance inboard of the joint, joint frozen: [`crate::upsilon`](mod@crate::upsilon) | 6×6 | soa.md 3.2 |
 //! | S, S~ | axis of a degree of freedom, and its cross product on wrenches | 6, 6×6 | soa.md 3.0 |
 //! | g | the wrench with ∂ ln det M/∂q_j = S_j · g: g = 2 (x(P⁺Y⁺)₁₁ + x(P⁺Y⁺)₂₂, x(P⁺Y⁺)₂₁) | 6 | soa.md 3.9 |
 //! | x(A) | (A₁₂ − A₂₁, A₂₀ − A₀₂, A₀₁ − A₁₀): tr(ω~ A) = ω · x(A) | 3 | |

@@ -29,12 +29,11 @@ pub(crate) fn orthogonalize<T: Real>(vectors: &mut [T], length: usize, v: &mut [
             for j in i + 1..count {
                 let (a, b) = pair(vectors, length, i, j);
                 let (aa, bb, ab) = (dot(a, a), dot(b, b), dot(a, b));
-                // Also false where a number is not finite.
-                if !(ab.abs() > tolerance * (aa.sqrt() * bb.sqrt())) {
-                    continue;
-                }
+                // False where a number is not finite.
+                let coupled = ab.abs() > tolerance * (aa.sqrt() * bb.sqrt());
                 // One is rounding of rounding: squares of what comes next would underflow.
-                if aa.larger(bb) * negligible > -(-aa).larger(-bb) {
+                let vanishing = aa.larger(bb) * negligible > -(-aa).larger(-bb);
+                if !coupled || vanishing {
                     continue;
                 }
                 rotated = true;

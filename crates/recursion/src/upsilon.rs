@@ -217,7 +217,7 @@ kernel! {
 ///     .body(Body::new("rod", rod))
 ///     .joint(Joint::new("hinge", JointKind::Revolute { axis: [0.0, 1.0, 0.0] }), "world", "rod")
 ///     .build()?;
-/// let compliance = &upsilon(&Layout::<f64>::new(&model), &[0.4])?[0];
+/// let compliance = &upsilon::<f64>(&Layout::new(&model), &[0.4])?[0];
 /// assert!((compliance[1][1] - 3.0).abs() < 1e-14); // 1/D of a rod about its end
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

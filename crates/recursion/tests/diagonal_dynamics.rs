@@ -264,7 +264,7 @@ fn a_motion_in_normalized_velocities_is_the_ordinary_one() {
         let (coarse, fine) = (ordinary(200), ordinary(400));
         let error = distance(&coarse, &fine);
         // What is violent needs a finer step, not another test.
-        if !(error < 1e-6) {
+        if error.is_nan() || error > 1e-6 {
             continue;
         }
         tried += 1;

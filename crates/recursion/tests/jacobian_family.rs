@@ -313,7 +313,7 @@ fn unreachable_poses_give_the_closest() {
         let q = case.model.random_state(seed).q;
         let mut target = body_pose(&layout, &q, Some(case.body)).unwrap();
         let mut random = Random::new(seed);
-        target.translation = target.translation + Vec3(random.vector()).scale(3.0);
+        target.translation += Vec3(random.vector()).scale(3.0);
         target.rotation = target.rotation * phipsi_spatial::Quaternion(random.quaternion()).to_rotation();
         let options = InverseKinematicsOptions { restarts: 3, ..Default::default() };
         let (found, info) =

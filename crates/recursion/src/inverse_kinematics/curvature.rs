@@ -99,7 +99,8 @@ pub(super) fn factor_and_solve<T: Real>(
             pivot -= hessian[j * n + k] * hessian[j * n + k];
         }
         // A pivot that is all rounding makes a step that is.
-        if !(pivot > mu[dof] * T::splat(1e-3)) || !pivot.is_positive() {
+        let counts = pivot > mu[dof] * T::splat(1e-3) && pivot.is_positive();
+        if !counts {
             return false;
         }
         let root = pivot.sqrt();
