@@ -241,6 +241,7 @@ impl<T: Real> ClosedDynamics<T> {
             &self.structure,
             |k| if k == GROUND { Vec3::zero() } else { self.omega[k] },
             &mut self.solution.g,
+            &mut self.solution.sizes,
         );
         if let Some(motion) = &conditions.motion {
             for l in &self.structure.loops {
@@ -403,8 +404,8 @@ impl<T: Real> Solved<'_, T> {
         solution.constraint_force(structure, layout, factors, out);
         Ok(())
     }
-    /// T of all degrees of freedom: the given one of the passive, the one that is needed for its acceleration of the prescribed.
-    /// Arguments as those of the run, with the accelerations that it gave.
+    /// The generalised forces with what the prescribed degrees of freedom need for their accelerations. Arguments as those of the
+    /// run, with the accelerations that it gave; `out`: nv, `tau` where nothing is prescribed.
     ///
     /// # Errors
     /// [`ClosureError::Dynamics`] for a wrong length.
@@ -412,15 +413,17 @@ impl<T: Real> Solved<'_, T> {
         &mut self,
         q: &[T],
         v: &[T],
+        tau: &[T],
         acceleration: &[T],
         wrenches: Option<&[Wrench<T>]>,
         out: &mut [T],
     ) -> Result<(), ClosureError> {
+        check_length("tau", tau, self.dynamics.layout.nv())?;
         let ClosedDynamics { structure, layout, factors, solution, inverse, work, .. } = &mut *self.dynamics;
         inverse.run(layout, q, v, acceleration, wrenches, out)?;
         solution.constraint_force(structure, layout, factors, work);
-        for (out, force) in out.iter_mut().zip(work) {
-            *out -= *force;
+        for i in 0..tau.len() {
+            out[i] = if factors.is_passive(i) { tau[i] } else { out[i] - work[i] };
         }
         Ok(())
     }

@@ -445,6 +445,10 @@ impl<T: Real> Factors<T> {
             }
         }
     }
+    /// False if a degree of freedom is prescribed.
+    pub(crate) fn is_passive(&self, i: usize) -> bool {
+        self.passive[i]
+    }
     /// Row of X in the matrix of an operation.
     pub(crate) fn x_row(&self, operation: &Operation, row: usize) -> Wrench<T> {
         let columns = operation.closing + operation.others;

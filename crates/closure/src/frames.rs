@@ -131,13 +131,14 @@ impl<T: Real> Frames<T> {
         let row = self.points[of][side].wrench_to_parent(row).scale(weight(structure, l, i));
         if side == 0 { -row } else { row }
     }
-    /// What the velocities add to the right-hand side of all rows (angular ones times the scene's length). `omega`: angular
-    /// velocity of every body, its axes.
+    /// What the velocities add to the right-hand side of all rows (angular ones times the scene's length), and the size of the
+    /// terms, which may cancel. `omega`: angular velocity of every body, its axes.
     pub(crate) fn add_velocity_terms(
         &self,
         structure: &Structure<T>,
         omega: impl Fn(usize) -> Vec3<T>,
         g: &mut [T],
+        sizes: &mut [T],
     ) {
         for (of, l) in structure.loops.iter().enumerate() {
             let LoopKind::Frames { kind, a, .. } = &l.kind else { continue };
@@ -147,11 +148,16 @@ impl<T: Real> Frames<T> {
                 let point = &self.points[of][side];
                 point.rotation.transpose_mul(point.translation)
             };
+            let (turn, speed) = (inboard.norm(), relative.twist.linear.norm());
+            let angular = turn * relative.twist.angular.norm();
+            let outboard = turn + relative.twist.angular.norm();
+            let linear = outboard * (outboard * (from(0).norm() + from(1).norm()) + speed + speed);
             let terms = relative.velocity_terms(inboard, from(0), from(1));
             let rows = relative.rows(*kind);
             for (i, row) in l.rows.clone().enumerate() {
                 let turning = if i == 0 { relative.turning(*kind) } else { T::zero() };
                 g[row] += weight(structure, l, i) * (terms.dot(rows[i]) - turning);
+                sizes[row] = weight(structure, l, i) * if i < l.angular { angular } else { linear };
             }
         }
     }

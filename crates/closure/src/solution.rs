@@ -38,7 +38,7 @@ pub(crate) struct Solution<T> {
     pub(crate) a: Vec<Motion<T>>,
     /// Right-hand sides of the rows: input; and the size of their terms.
     pub(crate) g: Vec<T>,
-    sizes: Vec<T>,
+    pub(crate) sizes: Vec<T>,
     s: Vec<T>,
     zeta: Vec<T>,
     eta: Vec<T>,
@@ -54,6 +54,8 @@ pub(crate) struct Solution<T> {
     direction: Vec<T>,
     gradient: Vec<T>,
     image: Vec<T>,
+    /// The largest |η₁| of all loops.
+    largest: T,
     pub(crate) inconsistency: Option<Inconsistency>,
 }
 
@@ -89,6 +91,7 @@ impl<T: Real> Solution<T> {
             direction: vec![o; structure.rows],
             gradient: vec![o; structure.rows],
             image: vec![o; structure.rows],
+            largest: o,
             inconsistency: None,
         }
     }
@@ -97,6 +100,7 @@ impl<T: Real> Solution<T> {
         self.z.fill(Wrench::zero());
         self.a.fill(Motion::zero());
         self.g.fill(T::zero());
+        self.sizes.fill(T::zero());
     }
     /// Solves; `out` gets the accelerations, `self.lambda` basic multipliers.
     pub(crate) fn run(
@@ -109,7 +113,7 @@ impl<T: Real> Solution<T> {
         out: &mut [T],
     ) {
         for (size, g) in self.sizes.iter_mut().zip(&self.g) {
-            *size = g.abs();
+            *size = size.larger(g.abs());
         }
         for k in (0..layout.len()).rev() {
             for index in structure.stations[k].closes.clone() {
@@ -126,19 +130,20 @@ impl<T: Real> Solution<T> {
         for index in structure.stations[ground].closes.clone() {
             self.close(structure, factors, index, ground);
         }
-        self.inconsistency = None;
+        self.largest = T::zero();
         let at_ground = Motion::new(Vec3::zero(), load.ground);
         for index in structure.stations[ground].closes.clone().rev() {
-            self.reopen(structure, frames, factors, index, at_ground);
+            self.reopen(structure, factors, index, at_ground);
         }
         for k in 0..layout.len() {
             let parent = layout.bodies()[k].parent;
             let inboard = if parent == GROUND { at_ground } else { self.alpha[parent] };
             self.smooth(structure, layout, factors, load, k, frames.poses[k].motion_to_child(inboard), out);
             for index in structure.stations[k].closes.clone().rev() {
-                self.reopen(structure, frames, factors, index, self.alpha[k]);
+                self.reopen(structure, factors, index, self.alpha[k]);
             }
         }
+        self.find_inconsistency(structure, frames, factors, load.ground);
     }
     /// The blocks that an operation takes, on `self.stack`; returns their rows.
     fn gather(&mut self, structure: &Structure<T>, factors: &Factors<T>, operation: &Operation) -> usize {
@@ -334,32 +339,16 @@ impl<T: Real> Solution<T> {
     fn reopen(
         &mut self,
         structure: &Structure<T>,
-        frames: &Frames<T>,
         factors: &Factors<T>,
         index: usize,
         alpha: Motion<T>,
     ) {
         let (operation, done) = (&structure.operations[index], &factors.done[index]);
-        let of = operation.closes.unwrap_or(0);
-        let mut largest = T::zero();
         for t in 0..done.rank {
             self.x[t] = alpha.dot(factors.x_row(operation, t)) + self.first[operation.row + t];
-            largest = largest.larger(self.x[t].abs());
+            self.largest = self.largest.larger(self.x[t].abs());
         }
-        let start = structure.loops[of].rows.start;
         self.substitute(structure, factors, index, true);
-        for c in 0..operation.closing {
-            let lost = self.lost[start + c].abs();
-            let size = largest.larger(self.sizes[start + c] / done.scale);
-            // A row that is open by e cannot be more consistent than that.
-            let allowed = T::splat(1e-9 + 10.0 * frames.relative_error(structure, of));
-            if lost > allowed * size {
-                let size = (lost / size).to_f64();
-                if self.inconsistency.is_none_or(|worst| worst.size < size) {
-                    self.inconsistency = Some(Inconsistency { closure: of, row: c, size });
-                }
-            }
-        }
         let mut row = done.rank;
         if let Some(output) = operation.output {
             let block = structure.blocks[output].row;
@@ -367,6 +356,39 @@ impl<T: Real> Solution<T> {
             row += done.left;
         }
         self.scatter(structure, factors, operation, done, row);
+    }
+    /// The redundant row that lacks most, measured by its terms, the largest residual of all loops and the largest acceleration.
+    fn find_inconsistency(
+        &mut self,
+        structure: &Structure<T>,
+        frames: &Frames<T>,
+        factors: &Factors<T>,
+        ground: Vec3<T>,
+    ) {
+        self.inconsistency = None;
+        if factors.redundant.is_empty() {
+            return;
+        }
+        let length = T::splat(structure.length);
+        let size_of = |alpha: &Motion<T>| alpha.linear.norm() + length * alpha.angular.norm();
+        let fastest = self.alpha.iter().fold(ground.norm(), |most, alpha| most.larger(size_of(alpha)));
+        for &index in &structure.closings {
+            let (operation, done) = (&structure.operations[index], &factors.done[index]);
+            let of = operation.closes.unwrap_or(0);
+            let start = structure.loops[of].rows.start;
+            for row in 0..operation.closing {
+                let lost = self.lost[start + row].abs();
+                let size = self.largest.larger(self.sizes[start + row].larger(fastest) / done.scale);
+                // A row that is open by e cannot be more consistent than that.
+                let allowed = 1e-9 + 10.0 * frames.relative_error(structure, of);
+                if lost > T::splat(allowed) * size {
+                    let size = (lost / size).to_f64();
+                    if self.inconsistency.is_none_or(|worst| worst.size < size) {
+                        self.inconsistency = Some(Inconsistency { closure: of, row, size });
+                    }
+                }
+            }
+        }
     }
     /// λ of one loop from those closed after it: R λ = η₁ − Σ W'_o λ_o with η₁ on `self.x`, redundant rows without force; or,
     /// not `driven`, with η₁ = 0 and the redundant rows' λ as they are.
@@ -407,10 +429,9 @@ impl<T: Real> Solution<T> {
         let square = |x: &[T]| x.iter().fold(T::zero(), |sum, x| sum + *x * *x);
         self.project_null(structure, factors);
         let mut gamma = square(&self.gradient);
-        let floor = T::splat((T::EPSILON * T::EPSILON) * 1e-4) * square(&self.image);
         self.direction.copy_from_slice(&self.gradient);
-        for _ in 0..2 * factors.redundant.len() + 4 {
-            if gamma <= floor {
+        for _ in 0..4 * factors.redundant.len() + 8 {
+            if gamma == T::zero() {
                 break;
             }
             // λ = U direction.
@@ -420,14 +441,20 @@ impl<T: Real> Solution<T> {
             for &index in structure.closings.iter().rev() {
                 self.substitute(structure, factors, index, false);
             }
+            // |U x| ≥ |x|: the step is at most one.
             let step = gamma / square(&self.lambda);
             for row in 0..structure.rows {
                 let change = step * self.lambda[row];
                 self.image[row] -= change;
             }
+            let change = step * step * square(&self.lambda);
+            if change <= T::splat(T::EPSILON * T::EPSILON) * square(&self.image) {
+                break;
+            }
             self.project_null(structure, factors);
             let next = square(&self.gradient);
-            let ratio = next / gamma;
+            // Where the gradient grows it was rounding: begin again.
+            let ratio = if next < gamma { next / gamma } else { T::zero() };
             for row in 0..structure.rows {
                 self.direction[row] = self.gradient[row] + ratio * self.direction[row];
             }

@@ -10,6 +10,7 @@
 
 pub mod articulated_sweep;
 pub mod bodies;
+pub mod closed_dynamics;
 pub mod dense;
 pub mod dual;
 pub mod energy;
@@ -25,6 +26,7 @@ pub mod jacobian;
 pub mod jet;
 pub mod joint_reactions;
 pub mod kinematics;
+pub mod loops;
 pub mod mass_matrix;
 pub mod mass_matrix_inverse;
 pub mod momentum;
@@ -33,6 +35,7 @@ pub mod sensitivity;
 pub mod square_root_forward_dynamics;
 
 pub use articulated_sweep::{articulated_joint_inertias, log_determinant};
+pub use closed_dynamics::{closed_dynamics, closure_jacobian};
 pub use dense::NotPositive;
 pub use dual::Dual;
 pub use energy::{center_of_mass, kinetic_energy, potential_energy};
