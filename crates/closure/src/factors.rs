@@ -86,6 +86,12 @@ pub(crate) struct Factors<T> {
     pub(crate) dropped: Vec<bool>,
     pub(crate) rank: Rank,
     passive: Vec<bool>,
+    /// The largest residual of all loops.
+    error: f64,
+    /// The weakest pivot, at most one, of an operation and of those that its blocks come from.
+    sharp: Vec<f64>,
+    /// The operation that each block comes from.
+    origin: Vec<usize>,
 }
 
 /// What the rank of a loop is decided by.
@@ -123,6 +129,9 @@ impl<T: Real> Factors<T> {
             dropped: vec![false; structure.rows],
             rank: Rank { rank: 0, smallest: f64::INFINITY, gap: f64::INFINITY },
             passive: vec![true; layout.nv()],
+            error: 0.0,
+            sharp: vec![1.0; structure.operations.len()],
+            origin: origins(structure),
         }
     }
     /// Factors at the poses of `frames`; `active`: the prescribed degrees of freedom, none if missing.
@@ -147,10 +156,11 @@ impl<T: Real> Factors<T> {
         self.redundant.clear();
         self.dropped.fill(false);
         self.rank = Rank { rank: 0, smallest: f64::INFINITY, gap: f64::INFINITY };
+        self.error = (0..structure.loops.len()).fold(0.0, |most, of| most.max(frames.relative_error(structure, of)));
         for k in (0..layout.len()).rev() {
             self.begin(structure, frames, k);
             for operation in structure.stations[k].closes.clone() {
-                self.close(structure, frames, operation, k, regard);
+                self.close(structure, operation, k, regard);
             }
             let P = self.join(structure, layout, k)?;
             let parent = layout.bodies()[k].parent;
@@ -161,7 +171,7 @@ impl<T: Real> Factors<T> {
             }
         }
         for operation in structure.stations[layout.len()].closes.clone() {
-            self.close(structure, frames, operation, layout.len(), regard);
+            self.close(structure, operation, layout.len(), regard);
         }
         Ok(())
     }
@@ -203,7 +213,6 @@ impl<T: Real> Factors<T> {
     fn close(
         &mut self,
         structure: &Structure<T>,
-        frames: &Frames<T>,
         index: usize,
         k: usize,
         regard: Regard<T>,
@@ -221,7 +230,10 @@ impl<T: Real> Factors<T> {
             }
             rows += m;
         }
-        let error = frames.relative_error(structure, of);
+        // Of all loops: those that were closed before hand their errors on.
+        let error = self.error;
+        // Rounding of rows that a weak pivot was taken out of: ε over that pivot at worst, over its root as a rule.
+        let sharpness = self.sharpness(operation);
         let margin = match regard {
             Regard::Error => 10.0 * error,
             Regard::Projection if error > 1e-3 => 0.1 * error,
@@ -230,7 +242,7 @@ impl<T: Real> Factors<T> {
         };
         let tolerance = match regard {
             Regard::Slack(_) => 0.0,
-            _ => 64.0 * T::EPSILON * (rows as f64).sqrt() + margin,
+            _ => 64.0 * T::EPSILON * (rows as f64 / sharpness).sqrt() + margin,
         };
         let mut panel = self.panel(operation, rows);
         panel.sort_rows(0, 0..m);
@@ -244,6 +256,10 @@ impl<T: Real> Factors<T> {
             (rank, left)
         };
         self.done[index] = Done { rows, rank, steps, left, scale };
+        self.sharp[index] = (0..rank).fold(sharpness, |least, t| {
+            let column = self.pivots[operation.step + t];
+            least.min(self.matrix[operation.number + column * lead + t].abs().to_f64())
+        });
         self.judge(structure, operation, rank, dropped);
         for t in 0..rank {
             let x = self.x_row(operation, t);
@@ -264,6 +280,10 @@ impl<T: Real> Factors<T> {
             }
         }
         self.hand_on(structure, index, rank);
+    }
+    /// The weakest pivot of the operations that an operation's blocks come from.
+    fn sharpness(&self, operation: &Operation) -> f64 {
+        operation.inputs.iter().fold(1.0, |least, (b, _)| least.min(self.sharp[self.origin[*b]]))
     }
     /// Notes rank, redundant rows and pivots of a closed loop.
     fn judge(&mut self, structure: &Structure<T>, operation: &Operation, rank: usize, dropped: T) {
@@ -358,6 +378,7 @@ impl<T: Real> Factors<T> {
                 (0, rows)
             };
             self.done[index] = Done { rows, rank: 0, steps, left, scale: T::one() };
+            self.sharp[index] = self.sharpness(operation);
             self.hand_on(structure, index, 0);
         }
         Ok(P)
@@ -484,6 +505,15 @@ impl<T: Real> Factors<T> {
             pivots: &self.pivots[operation.step..][..columns],
         }
     }
+}
+
+/// The operation that each block comes from.
+fn origins<T>(structure: &Structure<T>) -> Vec<usize> {
+    let mut origins = vec![0; structure.blocks.len()];
+    for (i, operation) in structure.operations.iter().enumerate() {
+        operation.output.into_iter().for_each(|b| origins[b] = i);
+    }
+    origins
 }
 
 /// |part of a row that the i-th axis of a joint turns or moves|²: what H C* could be in any direction.

@@ -426,6 +426,14 @@ impl<T: Real> Solution<T> {
         }
         // image = what is left of λ; gradient = U* of it; direction in the places of the redundant rows.
         self.image.copy_from_slice(&self.lambda);
+        // What one pass leaves through rounding, the next takes out.
+        for _ in 0..3 {
+            self.descend(structure, factors);
+        }
+        self.lambda.copy_from_slice(&self.image);
+    }
+    /// Conjugate gradients on |image − U x|², from x = 0.
+    fn descend(&mut self, structure: &Structure<T>, factors: &Factors<T>) {
         let square = |x: &[T]| x.iter().fold(T::zero(), |sum, x| sum + *x * *x);
         self.project_null(structure, factors);
         let mut gamma = square(&self.gradient);
@@ -460,7 +468,6 @@ impl<T: Real> Solution<T> {
             }
             gamma = next;
         }
-        self.lambda.copy_from_slice(&self.image);
     }
     /// gradient = U* image.
     fn project_null(&mut self, structure: &Structure<T>, factors: &Factors<T>) {
