@@ -13,7 +13,7 @@
 use crate::rows::{MOST_ROWS, Relative};
 use crate::structure::{End, Loop, LoopKind, Structure};
 use phipsi_recursion::Layout;
-use phipsi_spatial::{Mat3, Motion, Real, Transform, Vec3, Wrench};
+use phipsi_spatial::{Mat3, Motion, Quaternion, Real, Transform, Vec3, Wrench};
 
 /// Where and how fast the ends of all loops are.
 #[derive(Clone, Debug)]
@@ -53,7 +53,9 @@ impl<T: Real> Frames<T> {
             let phi = match &l.kind {
                 LoopKind::Frames { kind, a, b } => {
                     let (from, to) = (self.in_ancestor(layout, l, a), self.in_ancestor(layout, l, b));
-                    let rotation = from.rotation.transpose() * to.rotation;
+                    // A product of rotations is not quite one; what it lacks would tell A from B where the loop is nearly singular.
+                    let product = from.rotation.transpose() * to.rotation;
+                    let rotation = Quaternion::from_rotation(&product).to_rotation();
                     let offset = from.rotation.transpose_mul(to.translation - from.translation);
                     let relative = Relative { rotation, offset, twist: Motion::zero() };
                     self.relative[of] = relative;

@@ -1,8 +1,8 @@
 //! Multibody dynamics on the spatial operator algebra.
 //!
 //! The rooms: [`spatial`] (six-vectors, inertias), [`topology`] (trees), [`model`] (what a mechanism is), [`recursion`]
-//! (O(n) kernels), `formats` (files), `motion` (forces and integration), `molecule` (force fields, torsion models),
-//! `simulate` (scenes and runs). The last four are features, all on by default; without them the crate is the tree kernels
+//! (O(n) kernels), `closure` (loops), `formats` (files), `motion` (forces and integration), `molecule` (force fields, torsion models),
+//! `simulate` (scenes and runs). The last five are features, all on by default; without them the crate is the tree kernels
 //! alone.
 //!
 //! ```
@@ -18,6 +18,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+#[cfg(feature = "closure")]
+pub use phipsi_closure as closure;
 #[cfg(feature = "formats")]
 pub use phipsi_formats as formats;
 pub use phipsi_model as model;
