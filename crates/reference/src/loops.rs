@@ -129,7 +129,9 @@ pub fn closed(tree: &Case, drafts: Drafts) -> ClosedCase {
     let model = closed_model(&tree.model, &q, &drafts);
     let (n, rows) = (model.nv(), angular_rows(&model).len());
     let zero = vec![Dd::from_f64(0.0); n];
-    let rounded = |x: Vec<Dd>| -> Vec<f64> { x.iter().map(|x| x.to_f64()).collect() };
+    // What the loops hold still is zero, not the rounding of zero.
+    let number = |x: &Dd| if x.to_f64().abs() < 1e-20 { 0.0 } else { x.to_f64() };
+    let rounded = |x: Vec<Dd>| -> Vec<f64> { x.iter().map(number).collect() };
     // Velocities: the dense solution at rest without forces, driven by γ̈ = −J v.
     let v = widened(&tree.v);
     let still = model.clone().with_gravity([0.0; 3]);
