@@ -12,7 +12,7 @@ const CASES: u64 = 400;
 /// Perturbations that κ is estimated from.
 const SAMPLES: usize = 6;
 
-/// Roundings per step of a sweep, beyond the n of n·ε·κ.
+/// Roundings per step of a sweep, beyond the n of n·ε·κ, as for the sweeps of trees.
 const FACTOR: f64 = 4.0;
 
 fn seeds() -> Vec<u64> {
@@ -92,7 +92,6 @@ fn growth(case: &Case) -> f64 {
 fn accelerations_and_forces_of_random_mechanisms() {
     let mut worst = [(0.0f64, 0u64); 4];
     let mut seen = [0usize; 5];
-    let mut high = Vec::new();
     for seed in seeds() {
         let closed = closed_case(seed);
         let rows = closed.gamma.len();
@@ -119,50 +118,38 @@ fn accelerations_and_forces_of_random_mechanisms() {
             [solved.acceleration, solved.multipliers, solved.force, solved.tau].concat()
         };
         let tree = Case { model: closed.case.model.clone().without_closures(), ..closed.case.clone() };
-        let (_, size) = sensitivity(&tree, SAMPLES, seed, all);
         // Where loops hold accelerations back, what they hold back is rounded.
         let none = Conditions { wrenches: Some(&tree.wrenches[..]), ..Conditions::default() };
         let mut held = vec![0.0; n];
         ClosedDynamics::new(&tree.model).unwrap().run(&tree.q, &tree.v, &tree.tau, &none, &mut held).unwrap();
         let free = largest(&held);
-        let growth = growth(&tree);
-        let unit = (closed.case.model.len() + n + rows) as f64 * f64::EPSILON;
+        let unit =
+            growth(&tree) * (closed.case.model.len() + n + rows) as f64 * f64::EPSILON;
         let got = [&got.acceleration, &got.multipliers, &got.force, &got.tau];
         let want = [&want.acceleration, &want.multipliers, &want.force, &want.tau];
-        let mut first = 0;
-        for part in 0..4 {
-            let kappa = growth * (largest(&size[first..first + parts[part]]) + [free, 0.0, 0.0, 0.0][part]);
-            first += parts[part];
-            let error = distance(got[part], want[part]);
-            let ratio = if error == 0.0 { 0.0 } else { error / (unit * kappa) };
-            if !(ratio <= FACTOR) {
-                high.push((seed, part, ratio, error, kappa));
-            }
-            if !(ratio <= worst[part].0) {
-                worst[part] = (ratio, seed);
+        let ratios = |samples: usize| -> [f64; 4] {
+            let (_, size) = sensitivity(&tree, samples, seed, all);
+            let mut first = 0;
+            [0, 1, 2, 3].map(|part| {
+                let kappa = largest(&size[first..first + parts[part]]) + if part == 0 { free } else { 0.0 };
+                first += parts[part];
+                let error = distance(got[part], want[part]);
+                if error == 0.0 { 0.0 } else { error / (unit * kappa) }
+            })
+        };
+        // κ is a maximum over all perturbations: where few of them found too little, more may not.
+        let mut found = ratios(SAMPLES);
+        if !found.iter().all(|ratio| *ratio <= FACTOR) {
+            found = ratios(4 * SAMPLES);
+        }
+        for (worst, ratio) in worst.iter_mut().zip(found) {
+            assert!(ratio <= FACTOR, "PHIPSI_SEED={seed}: {found:?} n·ε·κ");
+            if ratio > worst.0 {
+                *worst = (ratio, seed);
             }
         }
     }
-    println!("{high:?}");
     println!("acceleration, multipliers, force, generalised forces: worst n·ε·κ {worst:?}; seen {seen:?}");
-    for (ratio, seed) in worst {
-        assert!(ratio <= FACTOR, "{ratio:.1} n·ε·κ with PHIPSI_SEED={seed}");
-    }
-}
-
-#[test]
-fn zz_debug() {
-    for seed in seeds().into_iter().take(10) {
-        let c = closed_case(seed);
-        let got = run::<f64>(&c);
-        let want = c.solve(&wide_wrenches(&c.case), got.length);
-        println!("{seed} {:?}\n {:?}", got.info, want.pivots);
-        for cl in c.case.model.closures() { println!("{} {:?} {} {}", cl.name, cl.kind, cl.body_a, cl.body_b); }
-        println!("couplings {:?}", c.case.model.couplings());
-        println!("l {:?}\n w {:?}\n f {:?}\n w {:?}", got.multipliers, want.multipliers.iter().map(|x| x.hi).collect::<Vec<_>>(), got.force, want.force.iter().map(|x| x.hi).collect::<Vec<_>>());
-        println!("gamma {:?}", c.gamma);
-        println!("active {:?}", c.active);
-        println!("a {:?}\n w {:?}", got.acceleration, want.acceleration.iter().map(|x| x.hi).collect::<Vec<_>>());
-        for (k, j) in c.case.model.joints().iter().enumerate() { println!("{k} {} {:?} parent {:?}", j.name, j.kind, c.case.model.tree().parent(k)); }
-    }
+    let [loops, redundant, prescribed, immobile, _] = seen;
+    assert!(std::env::var("PHIPSI_SEED").is_ok() || loops.min(redundant).min(prescribed).min(immobile) > 20);
 }

@@ -147,3 +147,24 @@ fn a_nearly_folded_four_bar_keeps_its_digits() {
         assert!(error <= 1e-13, "{theta:e}: {error:e}");
     }
 }
+
+/// From half a radian, or half a metre, beside, on all joints.
+#[test]
+fn mechanisms_are_assembled_from_rough_guesses() {
+    for name in ["ladderL_0001", "ladderL_0008", "stewart", "twoarm"] {
+        let (model, file) = (model(name), read(name));
+        let (q_order, _) = orders(&model, &file);
+        let mut dynamics = ClosedDynamics::<f64>::new(&model).expect("a mechanism");
+        let mut random = phipsi::model::Random::new(11);
+        for sample in file["samples"].as_array().expect("samples") {
+            let mut q = pick(&numbers(&sample["q"]), &q_order);
+            model.normalize(&mut q);
+            let noise: Vec<f64> = (0..model.nv()).map(|_| 0.5 * random.signed()).collect();
+            let mut q = model.integrate(&q, &noise);
+            let done = dynamics.assemble(&mut q, &Conditions::default()).expect("it can be closed");
+            println!("{name}: {done:?}");
+            assert!(done.residual[0] > 1e-2, "{name}: {done:?}");
+            assert!(done.residual[1] < 1e-13, "{name}: {done:?}");
+        }
+    }
+}
