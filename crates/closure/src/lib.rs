@@ -13,6 +13,7 @@
 
 pub mod assembly;
 pub mod closed_dynamics;
+pub mod cut_joints;
 pub mod error;
 pub mod factors;
 mod frames;
@@ -24,6 +25,7 @@ mod structure;
 
 pub use assembly::{PositionProjection, VelocityProjection};
 pub use closed_dynamics::{ClosedDynamics, ClosedInfo, ClosureMotion, Conditions, Prescribed, Solved};
+pub use cut_joints::{Cost, CutChoice, GraphJoint, TreeJoint, choose_cuts};
 pub use error::ClosureError;
 pub use factors::Redundant;
 pub use projection::Projection;
