@@ -10,6 +10,7 @@ kJ/mol: ``phipsi.molecule``.
 
 from . import interop, molecule
 from ._native import (
+    AssemblyInfo,
     ForwardInfo,
     Model,
     Note,
@@ -28,6 +29,7 @@ from .state import State
 __all__ = [
     "ArgumentError",
     "ArgumentTypeError",
+    "AssemblyInfo",
     "Error",
     "ForwardInfo",
     "Model",
