@@ -156,7 +156,7 @@ impl<T: Real> Factors<T> {
         self.redundant.clear();
         self.dropped.fill(false);
         self.rank = Rank { rank: 0, smallest: f64::INFINITY, gap: f64::INFINITY };
-        self.error = (0..structure.loops.len()).fold(0.0, |most, of| most.max(frames.relative_error(structure, of)));
+        self.error = frames.errors.iter().fold(0.0, |most: f64, e| most.max(*e));
         for k in (0..layout.len()).rev() {
             self.begin(structure, frames, k);
             for operation in structure.stations[k].closes.clone() {
@@ -474,7 +474,8 @@ impl<T: Real> Factors<T> {
     pub(crate) fn x_row(&self, operation: &Operation, row: usize) -> Wrench<T> {
         let columns = operation.closing + operation.others;
         let at = operation.number + columns * operation.most + row;
-        Wrench::from_array([0, 1, 2, 3, 4, 5].map(|j| self.matrix[at + j * operation.most]))
+        let x = |j: usize| self.matrix[at + j * operation.most];
+        Wrench::from_array([x(0), x(1), x(2), x(3), x(4), x(5)])
     }
     fn panel(&mut self, operation: &Operation, rows: usize) -> Panel<'_, T> {
         let columns = operation.closing + operation.others;

@@ -22,6 +22,12 @@ pub(crate) struct Frames<T> {
     pub(crate) poses: Vec<Transform<T>>,
     /// One per loop; unused for couplings.
     relative: Vec<Relative<T>>,
+    /// S of every loop.
+    rows: Vec<[Wrench<T>; MOST_ROWS]>,
+    /// Pose of a strand's end in each of its bodies.
+    along: Vec<Transform<T>>,
+    /// The largest residual of a loop, over the scene's length where it is one.
+    pub(crate) errors: Vec<f64>,
     /// Frame c in the bodies of A and of B.
     points: Vec<[Transform<T>; 2]>,
     /// Φ − γ of all rows, rad and m.
@@ -34,6 +40,9 @@ impl<T: Real> Frames<T> {
         Frames {
             poses: vec![Transform::identity(); layout.len()],
             relative: vec![Relative::at_rest(); n],
+            rows: vec![[Wrench::zero(); MOST_ROWS]; n],
+            along: vec![Transform::identity(); structure.paths.len()],
+            errors: vec![0.0; n],
             points: vec![[Transform::identity(); 2]; n],
             residual: vec![T::zero(); structure.rows],
         }
@@ -52,13 +61,15 @@ impl<T: Real> Frames<T> {
         for (of, l) in structure.loops.iter().enumerate() {
             let phi = match &l.kind {
                 LoopKind::Frames { kind, a, b } => {
-                    let (from, to) = (self.in_ancestor(layout, l, a), self.in_ancestor(layout, l, b));
+                    let from = self.in_ancestor(structure, l, 0, a);
+                    let to = self.in_ancestor(structure, l, 1, b);
                     // A product of rotations is not quite one; what it lacks would tell A from B where the loop is nearly singular.
                     let product = from.rotation.transpose() * to.rotation;
                     let rotation = Quaternion::from_rotation(&product).to_rotation();
                     let offset = from.rotation.transpose_mul(to.translation - from.translation);
                     let relative = Relative { rotation, offset, twist: Motion::zero() };
                     self.relative[of] = relative;
+                    self.rows[of] = relative.rows(*kind);
                     self.points[of] = [
                         a.pose.compose(&Transform::new(Mat3::identity(), offset)),
                         Transform::new(b.pose.rotation * rotation.transpose(), b.pose.translation),
@@ -74,26 +85,34 @@ impl<T: Real> Frames<T> {
             for (i, row) in l.rows.clone().enumerate() {
                 self.residual[row] = phi[i] - gamma.map_or(T::zero(), |gamma| gamma[row]);
             }
+            self.errors[of] = self.relative_error(structure, l);
         }
     }
     /// Pose of an end in the ancestor of its loop.
-    fn in_ancestor(&self, layout: &Layout<T>, l: &Loop<T>, end: &End<T>) -> Transform<T> {
-        let (mut pose, mut k) = (end.pose, end.body);
-        while k != l.ancestor {
-            pose = self.poses[k].compose(&pose);
-            k = layout.bodies()[k].parent;
+    fn in_ancestor(
+        &mut self,
+        structure: &Structure<T>,
+        l: &Loop<T>,
+        side: usize,
+        end: &End<T>,
+    ) -> Transform<T> {
+        let mut pose = end.pose;
+        if let Some(strand) = l.strands[side].map(|s| &structure.strands[s]) {
+            for i in strand.path..strand.path + strand.bodies {
+                self.along[i] = pose;
+                pose = self.poses[structure.paths[i]].compose(&pose);
+            }
         }
         pose
     }
     /// Velocity of an end against the ancestor of its loop, of the end's origin, in its axes.
-    fn twist(&self, layout: &Layout<T>, l: &Loop<T>, end: &End<T>, v: &[T]) -> Motion<T> {
-        let (mut pose, mut k) = (end.pose, end.body);
+    fn twist(&self, structure: &Structure<T>, layout: &Layout<T>, strand: Option<usize>, v: &[T]) -> Motion<T> {
         let mut twist = Motion::zero();
-        while k != l.ancestor {
-            let body = &layout.bodies()[k];
-            twist += pose.motion_to_child(body.hinge.expand(&v[body.v..]));
-            pose = self.poses[k].compose(&pose);
-            k = body.parent;
+        if let Some(strand) = strand.map(|s| &structure.strands[s]) {
+            for i in strand.path..strand.path + strand.bodies {
+                let body = &layout.bodies()[structure.paths[i]];
+                twist += self.along[i].motion_to_child(body.hinge.expand(&v[body.v..]));
+            }
         }
         twist
     }
@@ -107,16 +126,15 @@ impl<T: Real> Frames<T> {
     ) {
         for (of, l) in structure.loops.iter().enumerate() {
             match &l.kind {
-                LoopKind::Frames { kind, a, b } => {
-                    let inner = self.twist(layout, l, a, v);
-                    let outer = self.twist(layout, l, b, v);
+                LoopKind::Frames { .. } => {
+                    let inner = self.twist(structure, layout, l.strands[0], v);
+                    let outer = self.twist(structure, layout, l.strands[1], v);
                     let Relative { rotation, offset, .. } = self.relative[of];
                     let angular = rotation * outer.angular - inner.angular;
                     let linear = rotation * outer.linear - (inner.linear + inner.angular.cross(offset));
                     self.relative[of].twist = Motion::new(angular, linear);
-                    let rows = self.relative[of].rows(*kind);
                     for (i, row) in l.rows.clone().enumerate() {
-                        rates[row] = self.relative[of].twist.dot(rows[i]);
+                        rates[row] = self.relative[of].twist.dot(self.rows[of][i]);
                     }
                 }
                 LoopKind::Gear { v: at, multiplier, .. } => {
@@ -128,9 +146,7 @@ impl<T: Real> Frames<T> {
     /// C_r of a strand where it begins: rows on the acceleration of its body, ± S X(c ← body).
     pub(crate) fn strand_row(&self, structure: &Structure<T>, of: usize, side: usize, i: usize) -> Wrench<T> {
         let l = &structure.loops[of];
-        let LoopKind::Frames { kind, .. } = &l.kind else { return Wrench::zero() };
-        let row = self.relative[of].rows(*kind)[i];
-        let row = self.points[of][side].wrench_to_parent(row).scale(weight(structure, l, i));
+        let row = self.points[of][side].wrench_to_parent(self.rows[of][i]).scale(weight(structure, l, i));
         if side == 0 { -row } else { row }
     }
     /// What the velocities add to the right-hand side of all rows (angular ones times the scene's length), and the size of the
@@ -150,12 +166,13 @@ impl<T: Real> Frames<T> {
                 let point = &self.points[of][side];
                 point.rotation.transpose_mul(point.translation)
             };
-            let (turn, speed) = (inboard.norm(), relative.twist.linear.norm());
-            let angular = turn * relative.twist.angular.norm();
-            let outboard = turn + relative.twist.angular.norm();
-            let linear = outboard * (outboard * (from(0).norm() + from(1).norm()) + speed + speed);
+            let size = |x: Vec3<T>| x.0[0].abs() + x.0[1].abs() + x.0[2].abs();
+            let (turn, speed) = (size(inboard), size(relative.twist.linear));
+            let angular = turn * size(relative.twist.angular);
+            let outboard = turn + size(relative.twist.angular);
+            let linear = outboard * (outboard * (size(from(0)) + size(from(1))) + speed + speed);
             let terms = relative.velocity_terms(inboard, from(0), from(1));
-            let rows = relative.rows(*kind);
+            let rows = &self.rows[of];
             for (i, row) in l.rows.clone().enumerate() {
                 let turning = if i == 0 { relative.turning(*kind) } else { T::zero() };
                 g[row] += weight(structure, l, i) * (terms.dot(rows[i]) - turning);
@@ -164,8 +181,7 @@ impl<T: Real> Frames<T> {
         }
     }
     /// The largest residual of a loop, over the scene's length where it is one.
-    pub(crate) fn relative_error(&self, structure: &Structure<T>, of: usize) -> f64 {
-        let l = &structure.loops[of];
+    fn relative_error(&self, structure: &Structure<T>, l: &Loop<T>) -> f64 {
         let residual = &self.residual[l.rows.clone()];
         let over = |(i, x): (usize, &T)| {
             let x = x.abs().to_f64();

@@ -64,12 +64,14 @@ impl<T: Real> Panel<'_, T> {
                 if self.pivots[first..t].contains(&c) {
                     continue;
                 }
-                let rest = &self.a[c * self.lead + t..c * self.lead + self.rows];
-                let norm = norm(rest);
-                if norm > best.1 {
-                    best = (c, norm);
+                let square = square(&self.a[c * self.lead + t..c * self.lead + self.rows]);
+                if best.0 == usize::MAX || square > best.1 {
+                    best = (c, square);
                 }
             }
+            // Squares may have been lost, or be too large for a number.
+            let safe = best.1 > T::splat(1e-200) && best.1 < T::splat(1e200);
+            best = if safe { (best.0, best.1.sqrt()) } else { self.longest(first, t, columns.clone()) };
             let full = t - first >= most || t >= self.rows;
             if full || best.0 == usize::MAX || best.1 <= tolerance {
                 return (t, best.1);
@@ -78,6 +80,17 @@ impl<T: Real> Panel<'_, T> {
             self.beta[t] = self.reflect(t, best.0, best.1);
             t += 1;
         }
+    }
+    /// The longest column of what remains.
+    fn longest(&self, first: usize, t: usize, columns: core::ops::Range<usize>) -> (usize, T) {
+        let mut best = (usize::MAX, T::zero());
+        for c in columns.filter(|c| !self.pivots[first..t].contains(c)) {
+            let norm = norm(&self.a[c * self.lead + t..c * self.lead + self.rows]);
+            if norm > best.1 {
+                best = (c, norm);
+            }
+        }
+        best
     }
     /// One reflection, of the rows from t on, that leaves in column `pivot` one number of size `length`.
     fn reflect(&mut self, t: usize, pivot: usize, length: T) -> T {
@@ -146,6 +159,11 @@ impl<T: Real> Record<'_, T> {
             stack[self.order[row]] = x[row];
         }
     }
+}
+
+/// x*x.
+fn square<T: Real>(x: &[T]) -> T {
+    x.iter().fold(T::zero(), |sum, x| sum + *x * *x)
 }
 
 /// |x|, without overflow or underflow of the squares.

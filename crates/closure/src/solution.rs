@@ -370,8 +370,9 @@ impl<T: Real> Solution<T> {
             return;
         }
         let length = T::splat(structure.length);
-        let size_of = |alpha: &Motion<T>| alpha.linear.norm() + length * alpha.angular.norm();
-        let fastest = self.alpha.iter().fold(ground.norm(), |most, alpha| most.larger(size_of(alpha)));
+        let most_of = |x: Vec3<T>| x.0[0].abs().larger(x.0[1].abs()).larger(x.0[2].abs());
+        let size_of = |alpha: &Motion<T>| most_of(alpha.linear) + length * most_of(alpha.angular);
+        let fastest = self.alpha.iter().fold(most_of(ground), |most, alpha| most.larger(size_of(alpha)));
         for &index in &structure.closings {
             let (operation, done) = (&structure.operations[index], &factors.done[index]);
             let of = operation.closes.unwrap_or(0);
@@ -380,7 +381,7 @@ impl<T: Real> Solution<T> {
                 let lost = self.lost[start + row].abs();
                 let size = self.largest.larger(self.sizes[start + row].larger(fastest) / done.scale);
                 // A row that is open by e cannot be more consistent than that.
-                let allowed = 1e-9 + 10.0 * frames.relative_error(structure, of);
+                let allowed = 1e-9 + 10.0 * frames.errors[of];
                 if lost > T::splat(allowed) * size {
                     let size = (lost / size).to_f64();
                     if self.inconsistency.is_none_or(|worst| worst.size < size) {

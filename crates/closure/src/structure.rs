@@ -79,6 +79,9 @@ pub(crate) struct Strand {
     pub(crate) of: usize,
     /// First of its m rows of C.
     pub(crate) first: usize,
+    /// Its bodies from the end inward: where they are listed, and how many.
+    pub(crate) path: usize,
+    pub(crate) bodies: usize,
 }
 
 /// A coefficient of a coupling on one component of a joint.
@@ -160,6 +163,8 @@ impl<T> Station<T> {
 pub(crate) struct Structure<T> {
     pub(crate) loops: Vec<Loop<T>>,
     pub(crate) strands: Vec<Strand>,
+    /// Bodies of all strands.
+    pub(crate) paths: Vec<usize>,
     /// One per body, then the ground.
     pub(crate) stations: Vec<Station<T>>,
     pub(crate) blocks: Vec<Block>,
@@ -190,6 +195,7 @@ impl<T: Real> Structure<T> {
         let mut structure = Structure {
             loops: loops(model, layout)?,
             strands: Vec::new(),
+            paths: Vec::new(),
             stations: vec![Station::empty(); layout.len() + 1],
             blocks: Vec::new(),
             operations: Vec::new(),
@@ -239,7 +245,7 @@ impl<T: Real> Structure<T> {
                     continue;
                 }
                 let strand = self.strands.len();
-                self.strands.push(Strand { of, first: self.strand_rows });
+                self.strands.push(Strand { of, first: self.strand_rows, path: self.paths.len(), bodies: 0 });
                 self.strand_rows += m;
                 self.loops[of].strands[side] = Some(strand);
                 if !gear {
@@ -249,6 +255,8 @@ impl<T: Real> Structure<T> {
                 while k != ancestor {
                     self.stations[k].passes.push(Passing { of, strand, kept: self.kept, column: 0 });
                     self.kept += m;
+                    self.paths.push(k);
+                    self.strands[strand].bodies += 1;
                     k = bodies[k].parent;
                 }
             }
