@@ -64,7 +64,7 @@ impl<T: Real> ClosedDynamics<T> {
         self.solution.clear();
         for l in &self.structure.loops {
             for (i, row) in l.rows.clone().enumerate() {
-                self.solution.g[row] = -(weight(&self.structure, l, i) * self.rates[row]);
+                self.solution.g[row] = (-(weight(&self.structure, l, i) * self.rates[row])).to_arithmetic();
             }
         }
         let mut twice = T::zero();
@@ -72,7 +72,8 @@ impl<T: Real> ClosedDynamics<T> {
         // δ*𝓜δ = δ*J*λ = r*λ.
         for l in &self.structure.loops {
             for (i, row) in l.rows.clone().enumerate() {
-                twice -= weight(&self.structure, l, i) * self.rates[row] * self.solution.lambda[row];
+                let lambda = T::from_arithmetic(self.solution.lambda[row]);
+                twice -= weight(&self.structure, l, i) * self.rates[row] * lambda;
             }
         }
         for (v, step) in v.iter_mut().zip(&self.step) {
@@ -99,7 +100,8 @@ impl<T: Real> ClosedDynamics<T> {
         self.solution.clear();
         for l in &self.structure.loops {
             for (i, row) in l.rows.clone().enumerate() {
-                self.solution.g[row] = -(weight(&self.structure, l, i) * self.frames.residual[row]);
+                let residual = weight(&self.structure, l, i) * self.frames.residual[row];
+                self.solution.g[row] = (-residual).to_arithmetic();
             }
         }
     }

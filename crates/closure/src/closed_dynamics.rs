@@ -13,6 +13,7 @@
 use crate::error::{ClosureError, check_length};
 use crate::factors::{Factors, Redundant, Regard};
 use crate::frames::{Frames, weight};
+use crate::number::{motion, wrench};
 use crate::solution::{Inconsistency, Load, Solution};
 use crate::structure::{LoopKind, Structure};
 use phipsi_model::Model;
@@ -153,6 +154,9 @@ pub struct ClosedDynamics<T: Real> {
     omega: Vec<Vec3<T>>,
     inverse: InverseDynamics<T>,
     work: Vec<T>,
+    /// Right-hand sides of the rows, and the size of their terms.
+    pub(crate) terms: Vec<T>,
+    sizes: Vec<T>,
 }
 
 impl<T: Real> ClosedDynamics<T> {
@@ -175,6 +179,8 @@ impl<T: Real> ClosedDynamics<T> {
             omega: vec![Vec3::zero(); layout.len()],
             inverse: InverseDynamics::new(&layout),
             work: vec![T::zero(); layout.nv()],
+            terms: vec![T::zero(); structure.rows],
+            sizes: vec![T::zero(); structure.rows],
             layout,
             structure,
             model: tree,
@@ -237,23 +243,28 @@ impl<T: Real> ClosedDynamics<T> {
         self.solution.clear();
         self.set_bias(v, conditions.wrenches);
         let velocity_error = self.set_rates(v, conditions);
+        self.terms.fill(T::zero());
+        self.sizes.fill(T::zero());
         self.frames.add_velocity_terms(
             &self.structure,
             |k| if k == GROUND { Vec3::zero() } else { self.omega[k] },
-            &mut self.solution.g,
-            &mut self.solution.sizes,
+            &mut self.terms,
+            &mut self.sizes,
         );
         if let Some(motion) = &conditions.motion {
             for l in &self.structure.loops {
                 for (i, row) in l.rows.clone().enumerate() {
-                    self.solution.g[row] += weight(&self.structure, l, i) * motion.acceleration[row];
+                    self.terms[row] += weight(&self.structure, l, i) * motion.acceleration[row];
                 }
             }
         }
+        self.solution.g.copy_from_slice(T::arithmetic(&self.terms));
+        self.solution.sizes.copy_from_slice(T::arithmetic(&self.sizes));
+        let [x, y, z] = self.layout.gravity().0;
         let load = Load {
-            tau: Some(tau),
-            prescribed: conditions.prescribed.map(|p| p.acceleration),
-            ground: -self.layout.gravity(),
+            tau: Some(T::arithmetic(tau)),
+            prescribed: conditions.prescribed.map(|p| T::arithmetic(p.acceleration)),
+            ground: -Vec3([x.to_arithmetic(), y.to_arithmetic(), z.to_arithmetic()]),
         };
         self.solution.run(&self.structure, &self.layout, &self.frames, &self.factors, &load, out);
         if let Some(i) = out.iter().position(|x| !x.is_finite()) {
@@ -308,14 +319,14 @@ impl<T: Real> ClosedDynamics<T> {
             let mut a = body.hinge.turning(&v[body.v..]);
             a.angular += carried.cross(joint.angular);
             a.linear += centripetal + coriolis + coriolis;
-            self.solution.a[k] = a;
+            self.solution.a[k] = motion(a);
             self.omega[k] = carried + joint.angular;
-            self.solution.z[k] = body.inertia.gyroscopic(self.omega[k]);
+            self.solution.z[k] = wrench(body.inertia.gyroscopic(self.omega[k]));
         }
-        for (carrier, wrench) in self.layout.carriers().iter().zip(wrenches.unwrap_or_default()) {
+        for (carrier, load) in self.layout.carriers().iter().zip(wrenches.unwrap_or_default()) {
             if carrier.body != GROUND {
                 let pose: &Transform<T> = &carrier.pose;
-                self.solution.z[carrier.body] -= pose.wrench_to_parent(*wrench);
+                self.solution.z[carrier.body] -= wrench(pose.wrench_to_parent(*load));
             }
         }
     }

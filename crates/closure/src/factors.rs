@@ -18,12 +18,13 @@
 //! One joint of r degrees of freedom is eliminated one after the other, as r hinges in one place.
 
 use crate::frames::Frames;
+use crate::number::{Arithmetic, larger, size, transform, wrench};
 use crate::reflections::{Panel, Record};
 use crate::structure::{Operation, Structure};
 use phipsi_recursion::hinge::Hinge;
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{DynamicsError, Layout};
-use phipsi_spatial::{ArticulatedInertia, Real, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Kernel, Real, RigidInertia, Scalar, Wrench};
 
 /// A row that was found to be implied by others.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,29 +59,29 @@ pub(crate) struct Done<T> {
 
 /// Factors of a mechanism with loops at one configuration.
 #[derive(Clone, Debug)]
-pub(crate) struct Factors<T> {
+pub(crate) struct Factors<T: Scalar> {
     /// P of every body before its joint.
-    pub(crate) inertia: Vec<ArticulatedInertia<T>>,
+    pub(crate) inertia: Vec<ArticulatedInertia<Arithmetic<T>>>,
     /// Ξ and U's diagonal of every degree of freedom; U = 0 where it is prescribed.
-    pub(crate) xi: Vec<Wrench<T>>,
-    pub(crate) roots: Vec<T>,
+    pub(crate) xi: Vec<Wrench<Arithmetic<T>>>,
+    pub(crate) roots: Vec<Arithmetic<T>>,
     /// C_r at every joint that a strand passes.
-    pub(crate) kept: Vec<Wrench<T>>,
+    pub(crate) kept: Vec<Wrench<Arithmetic<T>>>,
     /// C and C_r where the sweep is.
-    c: Vec<Wrench<T>>,
-    rigid: Vec<Wrench<T>>,
+    c: Vec<Wrench<Arithmetic<T>>>,
+    rigid: Vec<Wrench<Arithmetic<T>>>,
     /// Size that the rows of W could have, squared.
-    squares: Vec<T>,
+    squares: Vec<Arithmetic<T>>,
     /// Rows, W and X of the blocks.
     pub(crate) block_rows: Vec<usize>,
-    block_w: Vec<T>,
-    pub(crate) block_x: Vec<Wrench<T>>,
+    block_w: Vec<Arithmetic<T>>,
+    pub(crate) block_x: Vec<Wrench<Arithmetic<T>>>,
     /// Matrices and records of the operations.
-    pub(crate) matrix: Vec<T>,
+    pub(crate) matrix: Vec<Arithmetic<T>>,
     order: Vec<usize>,
-    beta: Vec<T>,
+    beta: Vec<Arithmetic<T>>,
     pub(crate) pivots: Vec<usize>,
-    pub(crate) done: Vec<Done<T>>,
+    pub(crate) done: Vec<Done<Arithmetic<T>>>,
     pub(crate) redundant: Vec<Redundant>,
     /// The redundant ones among all rows.
     pub(crate) dropped: Vec<bool>,
@@ -108,21 +109,21 @@ pub(crate) enum Regard<T> {
 impl<T: Real> Factors<T> {
     pub(crate) fn new(structure: &Structure<T>, layout: &Layout<T>) -> Self {
         let zero = Wrench::zero();
-        let empty = Done { rows: 0, rank: 0, steps: 0, left: 0, scale: T::one() };
+        let empty = Done { rows: 0, rank: 0, steps: 0, left: 0, scale: Arithmetic::<T>::splat(1.0) };
         Factors {
             inertia: vec![ArticulatedInertia::zero(); layout.len()],
             xi: vec![zero; layout.nv()],
-            roots: vec![T::zero(); layout.nv()],
+            roots: vec![Arithmetic::<T>::splat(0.0); layout.nv()],
             kept: vec![zero; structure.kept],
             c: vec![zero; structure.strand_rows],
             rigid: vec![zero; structure.strand_rows],
-            squares: vec![T::zero(); structure.rows],
+            squares: vec![Arithmetic::<T>::splat(0.0); structure.rows],
             block_rows: vec![0; structure.blocks.len()],
-            block_w: vec![T::zero(); structure.block_numbers],
+            block_w: vec![Arithmetic::<T>::splat(0.0); structure.block_numbers],
             block_x: vec![zero; structure.block_rows],
-            matrix: vec![T::zero(); structure.operation_numbers],
+            matrix: vec![Arithmetic::<T>::splat(0.0); structure.operation_numbers],
             order: vec![0; structure.operation_rows],
-            beta: vec![T::zero(); structure.operation_steps],
+            beta: vec![Arithmetic::<T>::splat(0.0); structure.operation_steps],
             pivots: vec![usize::MAX; structure.operation_steps],
             done: vec![empty; structure.operations.len()],
             redundant: Vec::with_capacity(structure.rows),
@@ -143,13 +144,24 @@ impl<T: Real> Factors<T> {
         active: Option<&[bool]>,
         regard: Regard<T>,
     ) -> Result<(), DynamicsError> {
+        Arithmetic::<T>::dispatch(Update { factors: self, structure, layout, frames, active, regard })
+    }
+    #[inline(always)]
+    fn sweep(
+        &mut self,
+        structure: &Structure<T>,
+        layout: &Layout<T>,
+        frames: &Frames<T>,
+        active: Option<&[bool]>,
+        regard: Regard<T>,
+    ) -> Result<(), DynamicsError> {
         for (i, passive) in self.passive.iter_mut().enumerate() {
             *passive = active.is_none_or(|active| !active[i]);
         }
         for (P, body) in self.inertia.iter_mut().zip(layout.bodies()) {
-            *P = body.inertia.to_articulated();
+            *P = RigidInertia::constant(&body.inertia).to_articulated();
         }
-        self.squares.fill(T::zero());
+        self.squares.fill(Arithmetic::<T>::splat(0.0));
         // Couplings begin with nothing.
         self.c.fill(Wrench::zero());
         self.rigid.fill(Wrench::zero());
@@ -157,40 +169,44 @@ impl<T: Real> Factors<T> {
         self.dropped.fill(false);
         self.rank = Rank { rank: 0, smallest: f64::INFINITY, gap: f64::INFINITY };
         self.error = frames.errors.iter().fold(0.0, |most: f64, e| most.max(*e));
-        for k in (0..layout.len()).rev() {
+        // The ground comes last.
+        let ground = layout.len();
+        for k in (0..ground).rev().chain([ground]) {
             self.begin(structure, frames, k);
             for operation in structure.stations[k].closes.clone() {
                 self.close(structure, operation, k, regard);
+            }
+            if k == ground {
+                break;
             }
             let P = self.join(structure, layout, k)?;
             let parent = layout.bodies()[k].parent;
             self.shift(structure, frames, k);
             if parent != GROUND {
-                let shifted = frames.poses[k].articulated_to_parent(&P);
+                let shifted = transform(&frames.poses[k]).articulated_to_parent(&P);
                 self.inertia[parent] = self.inertia[parent] + shifted;
             }
-        }
-        for operation in structure.stations[layout.len()].closes.clone() {
-            self.close(structure, operation, layout.len(), regard);
         }
         Ok(())
     }
     /// C = C_r of the strands that begin on a body.
+    #[inline(always)]
     fn begin(&mut self, structure: &Structure<T>, frames: &Frames<T>, k: usize) {
         for &s in &structure.stations[k].begins {
             let strand = structure.strands[s];
             let side = usize::from(structure.loops[strand.of].strands[1] == Some(s));
             for i in 0..structure.loops[strand.of].rows.len() {
-                let row = frames.strand_row(structure, strand.of, side, i);
+                let row = wrench(frames.strand_row(structure, strand.of, side, i));
                 (self.c[strand.first + i], self.rigid[strand.first + i]) = (row, row);
             }
         }
     }
     /// Puts blocks into the matrix of an operation: columns of the closed loop, of the others, of X. Returns the rows.
-    fn stack(&mut self, structure: &Structure<T>, operation: &Operation, scale: T) -> usize {
+    #[inline(always)]
+    fn stack(&mut self, structure: &Structure<T>, operation: &Operation, scale: Arithmetic<T>) -> usize {
         let columns = operation.closing + operation.others;
         let matrix = &mut self.matrix[operation.number..][..operation.most * (columns + 6)];
-        matrix.fill(T::zero());
+        matrix.fill(Arithmetic::<T>::splat(0.0));
         let mut row = 0;
         for (b, map) in &operation.inputs {
             let block = &structure.blocks[*b];
@@ -210,6 +226,7 @@ impl<T: Real> Factors<T> {
         row
     }
     /// Closes the loop of an operation at body k, or at the ground.
+    #[inline(always)]
     fn close(
         &mut self,
         structure: &Structure<T>,
@@ -220,13 +237,16 @@ impl<T: Real> Factors<T> {
         let operation = &structure.operations[index];
         let of = operation.closes.unwrap_or(0);
         let rows_of = structure.loops[of].rows.clone();
-        let square = self.squares[rows_of].iter().fold(T::zero(), |most, x| most.larger(*x));
-        let scale = if square > T::zero() { square.sqrt() } else { T::one() };
+        let mut square = Arithmetic::<T>::splat(0.0);
+        for x in &self.squares[rows_of] {
+            square = larger(square, *x);
+        }
+        let scale = if square.is_positive() { square.sqrt() } else { Arithmetic::<T>::splat(1.0) };
         let mut rows = self.stack(structure, operation, scale.recip());
         let (m, others, lead) = (operation.closing, operation.others, operation.most);
         if let Regard::Slack(slack) = regard {
             for i in 0..m {
-                self.matrix[operation.number + i * lead + rows + i] = slack;
+                self.matrix[operation.number + i * lead + rows + i] = slack.to_arithmetic();
             }
             rows += m;
         }
@@ -246,11 +266,11 @@ impl<T: Real> Factors<T> {
         };
         let mut panel = self.panel(operation, rows);
         panel.sort_rows(0, 0..m);
-        let (rank, dropped) = panel.eliminate(0, 0..m, T::splat(tolerance), m);
+        let (rank, dropped) = panel.eliminate(0, 0..m, tolerance, m);
         let left = rows - rank;
         let (steps, left) = if left > others {
             panel.sort_rows(rank, m..m + others);
-            let (steps, _) = panel.eliminate(rank, m..m + others, T::zero(), others);
+            let (steps, _) = panel.eliminate(rank, m..m + others, 0.0, others);
             (steps, steps - rank)
         } else {
             (rank, left)
@@ -258,13 +278,13 @@ impl<T: Real> Factors<T> {
         self.done[index] = Done { rows, rank, steps, left, scale };
         self.sharp[index] = (0..rank).fold(sharpness, |least, t| {
             let column = self.pivots[operation.step + t];
-            least.min(self.matrix[operation.number + column * lead + t].abs().to_f64())
+            least.min(size(self.matrix[operation.number + column * lead + t]).min_lane())
         });
         self.judge(structure, operation, rank, dropped);
         for t in 0..rank {
             let x = self.x_row(operation, t);
             if k < self.inertia.len() {
-                self.inertia[k].add_outer(x, T::one());
+                self.inertia[k].add_outer(x, Arithmetic::<T>::splat(1.0));
             }
             // C_o += W'_o* X₁ for the loops that stay open here.
             for passing in structure.stations.get(k).map_or(&[][..], |s| &s.passes[..]) {
@@ -282,19 +302,20 @@ impl<T: Real> Factors<T> {
         self.hand_on(structure, index, rank);
     }
     /// The weakest pivot of the operations that an operation's blocks come from.
+    #[inline(always)]
     fn sharpness(&self, operation: &Operation) -> f64 {
         operation.inputs.iter().fold(1.0, |least, (b, _)| least.min(self.sharp[self.origin[*b]]))
     }
     /// Notes rank, redundant rows and pivots of a closed loop.
-    fn judge(&mut self, structure: &Structure<T>, operation: &Operation, rank: usize, dropped: T) {
+    #[inline(always)]
+    fn judge(&mut self, structure: &Structure<T>, operation: &Operation, rank: usize, dropped: f64) {
         let m = operation.closing;
         let kept = &self.pivots[operation.step..][..rank];
         let diagonal =
-            |t: usize| self.matrix[operation.number + kept[t] * operation.most + t].abs().to_f64();
+            |t: usize| size(self.matrix[operation.number + kept[t] * operation.most + t]).min_lane();
         let smallest = (0..rank).map(diagonal).fold(f64::INFINITY, f64::min);
         self.rank.rank += rank;
         self.rank.smallest = self.rank.smallest.min(smallest);
-        let dropped = dropped.to_f64();
         if rank < m && rank > 0 && dropped > 0.0 {
             self.rank.gap = self.rank.gap.min(smallest / dropped);
         }
@@ -304,19 +325,20 @@ impl<T: Real> Factors<T> {
                 let lead = operation.most;
                 let rest = &self.matrix[operation.number + column * lead..][rank.min(lead)..lead];
                 // Later steps have turned the rest, but not made it longer.
-                let pivot = rest.iter().fold(0.0f64, |most, x| most.max(x.abs().to_f64()));
+                let pivot = rest.iter().fold(0.0f64, |most, x| most.max(size(*x).min_lane()));
                 self.dropped[structure.loops[closure].rows.start + column] = true;
                 self.redundant.push(Redundant { closure, row: column, pivot });
             }
         }
     }
     /// Eliminates the joint of a body; returns what it lets through.
+    #[inline(always)]
     fn join(
         &mut self,
         structure: &Structure<T>,
         layout: &Layout<T>,
         k: usize,
-    ) -> Result<ArticulatedInertia<T>, DynamicsError> {
+    ) -> Result<ArticulatedInertia<Arithmetic<T>>, DynamicsError> {
         let (body, station) = (&layout.bodies()[k], &structure.stations[k]);
         for passing in &station.passes {
             let strand = structure.strands[passing.strand];
@@ -325,18 +347,18 @@ impl<T: Real> Factors<T> {
             self.kept[passing.kept..passing.kept + m].copy_from_slice(rigid);
         }
         let mut rows = match station.join {
-            Some(index) => self.stack(structure, &structure.operations[index], T::one()),
+            Some(index) => self.stack(structure, &structure.operations[index], Arithmetic::<T>::splat(1.0)),
             None => 0,
         };
         let mut P = self.inertia[k];
         let mut passed = 0;
         for i in 0..body.hinge.nv() {
             if !self.passive[body.v + i] {
-                (self.xi[body.v + i], self.roots[body.v + i]) = (Wrench::zero(), T::zero());
+                (self.xi[body.v + i], self.roots[body.v + i]) = (Wrench::zero(), Arithmetic::<T>::splat(0.0));
                 continue;
             }
             passed += 1;
-            let column = P.times(body.hinge.axis(i));
+            let column = joint_column(&P, &body.hinge, i);
             let D = body.hinge.project(i, &column);
             if !D.is_positive() {
                 let (joint, component) = layout.joint_of_velocity(body.v + i);
@@ -371,13 +393,13 @@ impl<T: Real> Factors<T> {
             let (steps, left) = if rows > 2 * width {
                 let mut panel = self.panel(operation, rows);
                 panel.sort_rows(0, 0..width);
-                let (steps, _) = panel.eliminate(0, 0..width, T::zero(), width);
+                let (steps, _) = panel.eliminate(0, 0..width, 0.0, width);
                 (steps, steps)
             } else {
                 self.panel(operation, rows);
                 (0, rows)
             };
-            self.done[index] = Done { rows, rank: 0, steps, left, scale: T::one() };
+            self.done[index] = Done { rows, rank: 0, steps, left, scale: Arithmetic::<T>::splat(1.0) };
             self.sharp[index] = self.sharpness(operation);
             self.hand_on(structure, index, 0);
         }
@@ -385,6 +407,7 @@ impl<T: Real> Factors<T> {
     }
     /// Appends the row of one degree of freedom to a join, and takes it out of C.
     #[allow(clippy::too_many_arguments)]
+    #[inline(always)]
     fn append(
         &mut self,
         structure: &Structure<T>,
@@ -392,8 +415,8 @@ impl<T: Real> Factors<T> {
         k: usize,
         i: usize,
         hinge: &Hinge<T>,
-        xi: Wrench<T>,
-        inverse: T,
+        xi: Wrench<Arithmetic<T>>,
+        inverse: Arithmetic<T>,
         row: usize,
     ) {
         let operation = &structure.operations[index];
@@ -404,17 +427,18 @@ impl<T: Real> Factors<T> {
             for j in 0..l.rows.len() {
                 let c = &mut self.c[strand.first + j];
                 let mut along = hinge.project(i, c);
-                let mut size = lever(hinge, i, c);
+                let mut reach = lever::<T>(hinge, i, c);
                 for entry in &station.entries {
                     if entry.of == passing.of && entry.component == i {
                         let weighted = entry.coefficient * crate::frames::weight(structure, l, j);
+                        let weighted = weighted.to_arithmetic();
                         along += weighted;
-                        size += weighted * weighted;
+                        reach += weighted * weighted;
                     }
                 }
                 let w = along * inverse;
                 *c -= xi.scale(w);
-                self.squares[l.rows.start + j] += size * (inverse * inverse);
+                self.squares[l.rows.start + j] += reach * (inverse * inverse);
                 self.matrix[operation.number + (passing.column + j) * lead + row] = w;
             }
         }
@@ -423,6 +447,7 @@ impl<T: Real> Factors<T> {
         }
     }
     /// The block that an operation leaves: rows from `first` on, what the steps left in them.
+    #[inline(always)]
     fn hand_on(&mut self, structure: &Structure<T>, index: usize, first: usize) {
         let operation = &structure.operations[index];
         let Some(output) = operation.output else { return };
@@ -439,7 +464,7 @@ impl<T: Real> Factors<T> {
                 let x = if first + i <= last {
                     self.matrix[operation.number + column * lead + first + i]
                 } else {
-                    T::zero()
+                    Arithmetic::<T>::splat(0.0)
                 };
                 self.block_w[block.number + i * block.width + c] = x;
             }
@@ -449,8 +474,9 @@ impl<T: Real> Factors<T> {
         }
     }
     /// Moves what leaves a body to its parent's frame.
+    #[inline(always)]
     fn shift(&mut self, structure: &Structure<T>, frames: &Frames<T>, k: usize) {
-        let (station, pose) = (&structure.stations[k], &frames.poses[k]);
+        let (station, pose) = (&structure.stations[k], &transform(&frames.poses[k]));
         for passing in &station.passes {
             let strand = structure.strands[passing.strand];
             let m = structure.loops[passing.of].rows.len();
@@ -467,20 +493,25 @@ impl<T: Real> Factors<T> {
         }
     }
     /// False if a degree of freedom is prescribed.
+    #[inline(always)]
     pub(crate) fn is_passive(&self, i: usize) -> bool {
         self.passive[i]
     }
     /// Row of X in the matrix of an operation.
-    pub(crate) fn x_row(&self, operation: &Operation, row: usize) -> Wrench<T> {
+    #[inline(always)]
+    pub(crate) fn x_row(&self, operation: &Operation, row: usize) -> Wrench<Arithmetic<T>> {
         let columns = operation.closing + operation.others;
         let at = operation.number + columns * operation.most + row;
         let x = |j: usize| self.matrix[at + j * operation.most];
         Wrench::from_array([x(0), x(1), x(2), x(3), x(4), x(5)])
     }
-    fn panel(&mut self, operation: &Operation, rows: usize) -> Panel<'_, T> {
+    #[inline(always)]
+    fn panel(&mut self, operation: &Operation, rows: usize) -> Panel<'_, Arithmetic<T>> {
         let columns = operation.closing + operation.others;
         let order = &mut self.order[operation.row..][..operation.most];
-        order.iter_mut().enumerate().for_each(|(i, o)| *o = i);
+        for (i, o) in order.iter_mut().enumerate() {
+            *o = i;
+        }
         let pivots = &mut self.pivots[operation.step..][..columns];
         pivots.fill(usize::MAX);
         Panel {
@@ -494,7 +525,8 @@ impl<T: Real> Factors<T> {
         }
     }
     /// What an operation did, to do it to vectors.
-    pub(crate) fn record(&self, operation: &Operation, done: &Done<T>) -> Record<'_, T> {
+    #[inline(always)]
+    pub(crate) fn record(&self, operation: &Operation, done: &Done<Arithmetic<T>>) -> Record<'_, Arithmetic<T>> {
         let columns = operation.closing + operation.others;
         Record {
             a: &self.matrix[operation.number..][..operation.most * (columns + 6)],
@@ -517,11 +549,45 @@ fn origins<T>(structure: &Structure<T>) -> Vec<usize> {
     origins
 }
 
+struct Update<'a, T: Real> {
+    factors: &'a mut Factors<T>,
+    structure: &'a Structure<T>,
+    layout: &'a Layout<T>,
+    frames: &'a Frames<T>,
+    active: Option<&'a [bool]>,
+    regard: Regard<T>,
+}
+
+impl<T: Real> Kernel for Update<'_, T> {
+    type Output = Result<(), DynamicsError>;
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        self.factors.sweep(self.structure, self.layout, self.frames, self.active, self.regard)
+    }
+}
+
+/// P H*: a column of P, but for helical joints.
+#[inline(always)]
+fn joint_column<T: Real>(
+    P: &ArticulatedInertia<Arithmetic<T>>,
+    hinge: &Hinge<T>,
+    i: usize,
+) -> Wrench<Arithmetic<T>> {
+    match hinge {
+        Hinge::Helical { .. } => P.times(hinge.axis(i)),
+        _ => P.column(hinge.components()[i]),
+    }
+}
+
 /// |part of a row that the i-th axis of a joint turns or moves|²: what H C* could be in any direction.
-fn lever<T: Real>(hinge: &Hinge<T>, i: usize, c: &Wrench<T>) -> T {
+#[inline(always)]
+fn lever<T: Real>(hinge: &Hinge<T>, i: usize, c: &Wrench<Arithmetic<T>>) -> Arithmetic<T> {
     let (moment, force) = (c.moment.dot(c.moment), c.force.dot(c.force));
     match hinge {
-        Hinge::Helical { pitch } => moment + *pitch * *pitch * force,
+        Hinge::Helical { pitch } => {
+            let pitch = pitch.to_arithmetic();
+            moment + pitch * pitch * force
+        }
         _ if hinge.components()[i] < 3 => moment,
         _ => force,
     }

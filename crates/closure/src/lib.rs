@@ -17,6 +17,7 @@ pub mod cut_joints;
 pub mod error;
 pub mod factors;
 mod frames;
+mod number;
 pub mod projection;
 mod reflections;
 mod rows;

@@ -13,11 +13,12 @@ use crate::closed_dynamics::{ClosedDynamics, Conditions};
 use crate::error::{ClosureError, check_length};
 use crate::factors::{Factors, Regard};
 use crate::frames::Frames;
+use crate::number::{Arithmetic, transform};
 use crate::solution::Load;
 use crate::structure::Structure;
 use phipsi_model::Model;
 use phipsi_recursion::layout::GROUND;
-use phipsi_spatial::{Motion, Real, Vec3, Wrench};
+use phipsi_spatial::{Kernel, Motion, Real, Scalar, Vec3, Wrench};
 
 /// I − b̂b̂* at one configuration, as sweeps.
 #[derive(Clone, Debug)]
@@ -27,8 +28,8 @@ pub struct Projection<T: Real> {
     /// Poses for the tree, which has no loops.
     still: Frames<T>,
     open: Factors<T>,
-    z: Vec<Wrench<T>>,
-    velocity: Vec<Motion<T>>,
+    z: Vec<Wrench<Arithmetic<T>>>,
+    velocity: Vec<Motion<Arithmetic<T>>>,
     force: Vec<T>,
 }
 
@@ -83,9 +84,9 @@ impl<T: Real> Projection<T> {
     /// [`ClosureError::Dynamics`] for a wrong length.
     pub fn apply(&mut self, x: &mut [T]) -> Result<(), ClosureError> {
         check_length("x", x, self.len())?;
-        self.multiply_by_root(x);
+        Arithmetic::<T>::dispatch(Root { projection: self, x: T::arithmetic_mut(x), adjoint: false });
         self.solve(x)?;
-        self.multiply_by_adjoint(x);
+        Arithmetic::<T>::dispatch(Root { projection: self, x: T::arithmetic_mut(x), adjoint: true });
         Ok(())
     }
     /// x ← NN* x: accelerations of the closed mechanism at rest, without weight, under generalised forces. `x`: nv.
@@ -97,12 +98,13 @@ impl<T: Real> Projection<T> {
         self.force.copy_from_slice(x);
         let ClosedDynamics { structure, layout, frames, factors, solution, .. } = &mut self.closed;
         solution.clear();
-        let load = Load { tau: Some(&self.force), prescribed: None, ground: Vec3::zero() };
+        let load = Load { tau: Some(T::arithmetic(&self.force)), prescribed: None, ground: Vec3::zero() };
         solution.run(structure, layout, frames, factors, &load, x);
         Ok(())
     }
     /// x ← l x, inward. `x`: nv.
-    fn multiply_by_root(&mut self, x: &mut [T]) {
+    #[inline(always)]
+    fn multiply_by_root(&mut self, x: &mut [Arithmetic<T>]) {
         self.z.fill(Wrench::zero());
         for (k, body) in self.closed.layout.bodies().iter().enumerate().rev() {
             for i in 0..body.hinge.nv() {
@@ -112,17 +114,18 @@ impl<T: Real> Projection<T> {
                 self.z[k] = self.open.xi[at].scale_add(u, self.z[k]);
             }
             if body.parent != GROUND {
-                let z = self.still.poses[k].wrench_to_parent(self.z[k]);
+                let z = transform(&self.still.poses[k]).wrench_to_parent(self.z[k]);
                 self.z[body.parent] += z;
             }
         }
     }
     /// x ← l* x, outward. `x`: nv.
-    fn multiply_by_adjoint(&mut self, x: &mut [T]) {
+    #[inline(always)]
+    fn multiply_by_adjoint(&mut self, x: &mut [Arithmetic<T>]) {
         for (k, body) in self.closed.layout.bodies().iter().enumerate() {
             let mut velocity = match body.parent {
                 GROUND => Motion::zero(),
-                parent => self.still.poses[k].motion_to_child(self.velocity[parent]),
+                parent => transform(&self.still.poses[k]).motion_to_child(self.velocity[parent]),
             };
             for i in (0..body.hinge.nv()).rev() {
                 let at = body.v + i;
@@ -143,5 +146,24 @@ impl<T: Real> Projection<T> {
         self.closed.set_rates(v, &Conditions::default());
         rates.copy_from_slice(&self.closed.rates);
         Ok(())
+    }
+}
+
+/// l or l*.
+struct Root<'a, T: Real> {
+    projection: &'a mut Projection<T>,
+    x: &'a mut [Arithmetic<T>],
+    adjoint: bool,
+}
+
+impl<T: Real> Kernel for Root<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run(self) {
+        if self.adjoint {
+            self.projection.multiply_by_adjoint(self.x);
+        } else {
+            self.projection.multiply_by_root(self.x);
+        }
     }
 }

@@ -9,7 +9,8 @@
 //! Rows sorted by size and pivoted columns make the backward error small row by row, also where rows differ by many powers
 //! of ten (Cox and Higham, BIT 38, 1998).
 
-use phipsi_spatial::Real;
+use crate::number::{larger, size};
+use phipsi_spatial::Scalar;
 
 /// A matrix that is eliminated, with the record of what was done.
 pub(crate) struct Panel<'a, T> {
@@ -26,17 +27,24 @@ pub(crate) struct Panel<'a, T> {
     pub(crate) pivots: &'a mut [usize],
 }
 
-impl<T: Real> Panel<'_, T> {
+impl<T: Scalar> Panel<'_, T> {
+    /// The largest number of a row in some columns.
+    #[inline(always)]
+    fn row_size(&self, row: usize, columns: core::ops::Range<usize>) -> T {
+        let mut most = T::zero();
+        for c in columns {
+            most = larger(most, size(self.a[c * self.lead + row]));
+        }
+        most
+    }
     /// Sorts the rows from `first` on by their largest number in some columns, largest first.
+    #[inline(always)]
     pub(crate) fn sort_rows(&mut self, first: usize, columns: core::ops::Range<usize>) {
-        let size = |a: &[T], lead: usize, row: usize| {
-            columns.clone().fold(T::zero(), |most, c| most.larger(a[c * lead + row].abs()))
-        };
         for i in first..self.rows {
-            let mut best = (i, size(self.a, self.lead, i));
+            let mut best = (i, self.row_size(i, columns.clone()));
             for row in i + 1..self.rows {
-                let found = size(self.a, self.lead, row);
-                if found > best.1 {
+                let found = self.row_size(row, columns.clone());
+                if found.min_lane() > best.1.min_lane() {
                     best = (row, found);
                 }
             }
@@ -50,13 +58,14 @@ impl<T: Real> Panel<'_, T> {
     }
     /// Reflections with the steps from `first` on, in the columns `columns`, until no column of what remains is longer than
     /// `tolerance`, or `most` steps are done. Returns the number of all steps and the longest column left.
+    #[inline(always)]
     pub(crate) fn eliminate(
         &mut self,
         first: usize,
         columns: core::ops::Range<usize>,
-        tolerance: T,
+        tolerance: f64,
         most: usize,
-    ) -> (usize, T) {
+    ) -> (usize, f64) {
         let mut t = first;
         loop {
             let mut best = (usize::MAX, T::zero());
@@ -65,16 +74,16 @@ impl<T: Real> Panel<'_, T> {
                     continue;
                 }
                 let square = square(&self.a[c * self.lead + t..c * self.lead + self.rows]);
-                if best.0 == usize::MAX || square > best.1 {
+                if best.0 == usize::MAX || square.min_lane() > best.1.min_lane() {
                     best = (c, square);
                 }
             }
             // Squares may have been lost, or be too large for a number.
-            let safe = best.1 > T::splat(1e-200) && best.1 < T::splat(1e200);
+            let safe = best.1.min_lane() > 1e-200 && best.1.min_lane() < 1e200;
             best = if safe { (best.0, best.1.sqrt()) } else { self.longest(first, t, columns.clone()) };
             let full = t - first >= most || t >= self.rows;
-            if full || best.0 == usize::MAX || best.1 <= tolerance {
-                return (t, best.1);
+            if full || best.0 == usize::MAX || best.1.min_lane() <= tolerance {
+                return (t, best.1.min_lane());
             }
             self.pivots[t] = best.0;
             self.beta[t] = self.reflect(t, best.0, best.1);
@@ -82,23 +91,27 @@ impl<T: Real> Panel<'_, T> {
         }
     }
     /// The longest column of what remains.
+    #[inline(always)]
     fn longest(&self, first: usize, t: usize, columns: core::ops::Range<usize>) -> (usize, T) {
         let mut best = (usize::MAX, T::zero());
         for c in columns.filter(|c| !self.pivots[first..t].contains(c)) {
             let norm = norm(&self.a[c * self.lead + t..c * self.lead + self.rows]);
-            if norm > best.1 {
+            if norm.min_lane() > best.1.min_lane() {
                 best = (c, norm);
             }
         }
         best
     }
     /// One reflection, of the rows from t on, that leaves in column `pivot` one number of size `length`.
+    #[inline(always)]
     fn reflect(&mut self, t: usize, pivot: usize, length: T) -> T {
         let (start, end) = (pivot * self.lead + t, pivot * self.lead + self.rows);
         let head = self.a[start];
-        let left = if head < T::zero() { length } else { -length };
+        let left = if head.min_lane() < 0.0 { length } else { -length };
         let scale = (head - left).recip();
-        self.a[start + 1..end].iter_mut().for_each(|x| *x *= scale);
+        for x in &mut self.a[start + 1..end] {
+            *x *= scale;
+        }
         self.a[start] = left;
         let beta = (left - head) / left;
         for c in 0..self.columns {
@@ -108,13 +121,12 @@ impl<T: Real> Panel<'_, T> {
             let at = c * self.lead + t;
             let mut sum = self.a[at];
             for i in 1..end - start {
-                sum += self.a[start + i] * self.a[at + i];
+                sum = self.a[start + i].fma(self.a[at + i], sum);
             }
             let sum = sum * beta;
             self.a[at] -= sum;
             for i in 1..end - start {
-                let v = self.a[start + i];
-                self.a[at + i] -= sum * v;
+                self.a[at + i] = (-sum).fma(self.a[start + i], self.a[at + i]);
             }
         }
         beta
@@ -132,29 +144,36 @@ pub(crate) struct Record<'a, T> {
     pub(crate) pivots: &'a [usize],
 }
 
-impl<T: Real> Record<'_, T> {
+impl<T: Scalar> Record<'_, T> {
+    #[inline(always)]
     fn reflect(&self, t: usize, x: &mut [T]) {
         let v = &self.a[self.pivots[t] * self.lead..][t..self.rows];
         let mut sum = x[t];
         for i in 1..v.len() {
-            sum += v[i] * x[t + i];
+            sum = v[i].fma(x[t + i], sum);
         }
         let sum = sum * self.beta[t];
         x[t] -= sum;
         for i in 1..v.len() {
-            x[t + i] -= sum * v[i];
+            x[t + i] = (-sum).fma(v[i], x[t + i]);
         }
     }
     /// Q* of a stack: `stack` holds it as it was stacked, `x` gets the result.
+    #[inline(always)]
     pub(crate) fn apply_transposed(&self, stack: &[T], x: &mut [T]) {
         for row in 0..self.rows {
             x[row] = stack[self.order[row]];
         }
-        (0..self.steps).for_each(|t| self.reflect(t, x));
+        for t in 0..self.steps {
+            self.reflect(t, x);
+        }
     }
     /// Q of a vector: `x` is used up, `stack` gets the result in the order of the stack.
+    #[inline(always)]
     pub(crate) fn apply(&self, x: &mut [T], stack: &mut [T]) {
-        (0..self.steps).rev().for_each(|t| self.reflect(t, x));
+        for t in (0..self.steps).rev() {
+            self.reflect(t, x);
+        }
         for row in 0..self.rows {
             stack[self.order[row]] = x[row];
         }
@@ -162,21 +181,31 @@ impl<T: Real> Record<'_, T> {
 }
 
 /// x*x.
-fn square<T: Real>(x: &[T]) -> T {
-    x.iter().fold(T::zero(), |sum, x| sum + *x * *x)
+#[inline(always)]
+fn square<T: Scalar>(x: &[T]) -> T {
+    let mut sum = T::zero();
+    for x in x {
+        sum = x.fma(*x, sum);
+    }
+    sum
 }
 
 /// |x|, without overflow or underflow of the squares.
-fn norm<T: Real>(x: &[T]) -> T {
-    let most = x.iter().fold(T::zero(), |most, x| most.larger(x.abs()));
-    if most == T::zero() || !most.is_finite() {
+#[inline(always)]
+fn norm<T: Scalar>(x: &[T]) -> T {
+    let mut most = T::zero();
+    for x in x {
+        most = larger(most, size(*x));
+    }
+    if most == T::zero() || !most.is_positive() {
         return most;
     }
     let scale = most.recip();
-    let sum = x.iter().fold(T::zero(), |sum, x| {
+    let mut sum = T::zero();
+    for x in x {
         let y = *x * scale;
-        sum + y * y
-    });
+        sum = y.fma(y, sum);
+    }
     most * sum.sqrt()
 }
 

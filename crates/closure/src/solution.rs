@@ -14,10 +14,11 @@
 
 use crate::factors::{Done, Factors};
 use crate::frames::{Frames, weight};
+use crate::number::{Arithmetic, larger, size, transform};
 use crate::structure::{LoopKind, Operation, Structure};
 use phipsi_recursion::Layout;
 use phipsi_recursion::layout::GROUND;
-use phipsi_spatial::{Motion, Real, Vec3, Wrench};
+use phipsi_spatial::{Kernel, Motion, Real, Scalar, Vec3, Wrench};
 
 /// A redundant row whose right-hand side is not what the others imply.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,47 +33,47 @@ pub struct Inconsistency {
 
 /// A right-hand side and its solution.
 #[derive(Clone, Debug)]
-pub(crate) struct Solution<T> {
+pub(crate) struct Solution<T: Scalar> {
     /// Bias forces and bias accelerations of the bodies: input.
-    pub(crate) z: Vec<Wrench<T>>,
-    pub(crate) a: Vec<Motion<T>>,
+    pub(crate) z: Vec<Wrench<Arithmetic<T>>>,
+    pub(crate) a: Vec<Motion<Arithmetic<T>>>,
     /// Right-hand sides of the rows: input; and the size of their terms.
-    pub(crate) g: Vec<T>,
-    pub(crate) sizes: Vec<T>,
-    s: Vec<T>,
-    zeta: Vec<T>,
-    eta: Vec<T>,
+    pub(crate) g: Vec<Arithmetic<T>>,
+    pub(crate) sizes: Vec<Arithmetic<T>>,
+    s: Vec<Arithmetic<T>>,
+    zeta: Vec<Arithmetic<T>>,
+    eta: Vec<Arithmetic<T>>,
     /// ζ₁ + h of the closings.
-    first: Vec<T>,
+    first: Vec<Arithmetic<T>>,
     /// What the redundant rows lack.
-    lost: Vec<T>,
-    stack: Vec<T>,
-    x: Vec<T>,
-    alpha: Vec<Motion<T>>,
-    pub(crate) lambda: Vec<T>,
+    lost: Vec<Arithmetic<T>>,
+    stack: Vec<Arithmetic<T>>,
+    x: Vec<Arithmetic<T>>,
+    alpha: Vec<Motion<Arithmetic<T>>>,
+    pub(crate) lambda: Vec<Arithmetic<T>>,
     /// Of conjugate gradients.
-    direction: Vec<T>,
-    gradient: Vec<T>,
-    image: Vec<T>,
+    direction: Vec<Arithmetic<T>>,
+    gradient: Vec<Arithmetic<T>>,
+    image: Vec<Arithmetic<T>>,
     /// The largest |η₁| of all loops.
-    largest: T,
+    largest: Arithmetic<T>,
     pub(crate) inconsistency: Option<Inconsistency>,
 }
 
 /// What drives the mechanism besides z, a and g.
 #[derive(Clone, Copy)]
-pub(crate) struct Load<'a, T> {
+pub(crate) struct Load<'a, S> {
     /// Generalised forces.
-    pub(crate) tau: Option<&'a [T]>,
+    pub(crate) tau: Option<&'a [S]>,
     /// Accelerations of the prescribed degrees of freedom.
-    pub(crate) prescribed: Option<&'a [T]>,
+    pub(crate) prescribed: Option<&'a [S]>,
     /// Acceleration of the ground.
-    pub(crate) ground: Vec3<T>,
+    pub(crate) ground: Vec3<S>,
 }
 
 impl<T: Real> Solution<T> {
     pub(crate) fn new(structure: &Structure<T>, layout: &Layout<T>) -> Self {
-        let o = T::zero();
+        let o = Arithmetic::<T>::splat(0.0);
         let most = structure.operations.iter().fold(0, |most, operation| most.max(operation.most));
         Solution {
             z: vec![Wrench::zero(); layout.len()],
@@ -99,53 +100,76 @@ impl<T: Real> Solution<T> {
     pub(crate) fn clear(&mut self) {
         self.z.fill(Wrench::zero());
         self.a.fill(Motion::zero());
-        self.g.fill(T::zero());
-        self.sizes.fill(T::zero());
+        self.g.fill(Arithmetic::<T>::splat(0.0));
+        self.sizes.fill(Arithmetic::<T>::splat(0.0));
     }
     /// Solves; `out` gets the accelerations, `self.lambda` basic multipliers.
+    #[allow(clippy::too_many_arguments)]
     pub(crate) fn run(
         &mut self,
         structure: &Structure<T>,
         layout: &Layout<T>,
         frames: &Frames<T>,
         factors: &Factors<T>,
-        load: &Load<'_, T>,
+        load: &Load<'_, Arithmetic<T>>,
         out: &mut [T],
     ) {
-        for (size, g) in self.sizes.iter_mut().zip(&self.g) {
-            *size = size.larger(g.abs());
+        let out = T::arithmetic_mut(out);
+        Arithmetic::<T>::dispatch(Run { solution: self, structure, layout, frames, factors, load, out });
+    }
+    #[inline(always)]
+    fn sweep(
+        &mut self,
+        structure: &Structure<T>,
+        layout: &Layout<T>,
+        frames: &Frames<T>,
+        factors: &Factors<T>,
+        load: &Load<'_, Arithmetic<T>>,
+        out: &mut [Arithmetic<T>],
+    ) {
+        for (term, g) in self.sizes.iter_mut().zip(&self.g) {
+            *term = larger(*term, size(*g));
         }
-        for k in (0..layout.len()).rev() {
+        // The ground comes last inward, and first outward.
+        let ground = layout.len();
+        for k in (0..ground).rev().chain([ground]) {
             for index in structure.stations[k].closes.clone() {
                 self.close(structure, factors, index, k);
+            }
+            if k == ground {
+                break;
             }
             self.filter(structure, layout, factors, load, k);
             let parent = layout.bodies()[k].parent;
             if parent != GROUND {
-                let z = frames.poses[k].wrench_to_parent(self.z[k]);
+                let z = transform(&frames.poses[k]).wrench_to_parent(self.z[k]);
                 self.z[parent] += z;
             }
         }
-        let ground = layout.len();
-        for index in structure.stations[ground].closes.clone() {
-            self.close(structure, factors, index, ground);
-        }
-        self.largest = T::zero();
+        self.largest = Arithmetic::<T>::splat(0.0);
         let at_ground = Motion::new(Vec3::zero(), load.ground);
-        for index in structure.stations[ground].closes.clone().rev() {
-            self.reopen(structure, factors, index, at_ground);
-        }
-        for k in 0..layout.len() {
-            let parent = layout.bodies()[k].parent;
-            let inboard = if parent == GROUND { at_ground } else { self.alpha[parent] };
-            self.smooth(structure, layout, factors, load, k, frames.poses[k].motion_to_child(inboard), out);
+        for k in [ground].into_iter().chain(0..ground) {
+            let mut alpha = at_ground;
+            if k < ground {
+                let parent = layout.bodies()[k].parent;
+                let inboard = if parent == GROUND { at_ground } else { self.alpha[parent] };
+                let inboard = transform(&frames.poses[k]).motion_to_child(inboard);
+                self.smooth(structure, layout, factors, load, k, inboard, out);
+                alpha = self.alpha[k];
+            }
             for index in structure.stations[k].closes.clone().rev() {
-                self.reopen(structure, factors, index, self.alpha[k]);
+                self.reopen(structure, factors, index, alpha);
             }
         }
         self.find_inconsistency(structure, frames, factors, load.ground);
     }
+    /// A term of a row.
+    #[inline(always)]
+    fn note(&mut self, row: usize, term: Arithmetic<T>) {
+        self.sizes[row] = larger(self.sizes[row], size(term));
+    }
     /// The blocks that an operation takes, on `self.stack`; returns their rows.
+    #[inline(always)]
     fn gather(&mut self, structure: &Structure<T>, factors: &Factors<T>, operation: &Operation) -> usize {
         let mut row = 0;
         for (b, _) in &operation.inputs {
@@ -156,7 +180,8 @@ impl<T: Real> Solution<T> {
         row
     }
     /// Q* of the stack, on `self.x`; the rows that remain go to the operation's block.
-    fn turn(&mut self, structure: &Structure<T>, factors: &Factors<T>, operation: &Operation, done: &Done<T>) {
+    #[inline(always)]
+    fn turn(&mut self, structure: &Structure<T>, factors: &Factors<T>, operation: &Operation, done: &Done<Arithmetic<T>>) {
         factors.record(operation, done).apply_transposed(&self.stack[..done.rows], &mut self.x);
         if let Some(output) = operation.output {
             let block = structure.blocks[output].row;
@@ -165,10 +190,11 @@ impl<T: Real> Solution<T> {
         }
     }
     /// Closes a loop at body k: h, and what it adds to z and g.
+    #[inline(always)]
     fn close(&mut self, structure: &Structure<T>, factors: &Factors<T>, index: usize, k: usize) {
         let (operation, done) = (&structure.operations[index], &factors.done[index]);
         let row = self.gather(structure, factors, operation);
-        self.stack[row..done.rows].fill(T::zero());
+        self.stack[row..done.rows].fill(Arithmetic::<T>::splat(0.0));
         self.turn(structure, factors, operation, done);
         let of = operation.closes.unwrap_or(0);
         let rows = structure.loops[of].rows.clone();
@@ -185,13 +211,13 @@ impl<T: Real> Solution<T> {
             self.stack[t] = h / R(t, pivots[t]);
         }
         for c in 0..operation.closing {
-            let mut lost = T::zero();
+            let mut lost = Arithmetic::<T>::splat(0.0);
             if !pivots.contains(&c) {
                 lost = self.g[rows.start + c] * inverse;
                 for t in 0..done.rank {
                     let term = R(t, c) * self.stack[t];
                     lost -= term;
-                    self.sizes[rows.start + c] = self.sizes[rows.start + c].larger((term * done.scale).abs());
+                    self.note(rows.start + c, term * done.scale);
                 }
             }
             self.lost[rows.start + c] = lost;
@@ -209,31 +235,32 @@ impl<T: Real> Solution<T> {
                 for t in 0..done.rank {
                     let term = R(t, operation.closing + first + i) * self.stack[t];
                     self.g[row] -= term;
-                    self.sizes[row] = self.sizes[row].larger(term.abs());
+                    self.note(row, term);
                 }
             }
         }
     }
     /// The filter at the joint of body k.
+    #[inline(always)]
     fn filter(
         &mut self,
         structure: &Structure<T>,
         layout: &Layout<T>,
         factors: &Factors<T>,
-        load: &Load<'_, T>,
+        load: &Load<'_, Arithmetic<T>>,
         k: usize,
     ) {
         let (body, station) = (&layout.bodies()[k], &structure.stations[k]);
-        let o = T::zero();
+        let o = Arithmetic::<T>::splat(0.0);
         let prescribed = |i: usize| load.prescribed.map_or(o, |a| a[body.v + i]);
         let is_active = |i: usize| factors.roots[body.v + i] == o;
         for i in (0..body.hinge.nv()).filter(|&i| is_active(i)) {
             body.hinge.add_axis(i, prescribed(i), &mut self.a[k]);
             for entry in station.entries.iter().filter(|e| e.component == i) {
                 let l = &structure.loops[entry.of];
-                let term = entry.coefficient * weight(structure, l, 0) * prescribed(i);
+                let term = (entry.coefficient * weight(structure, l, 0)).to_arithmetic() * prescribed(i);
                 self.g[l.rows.start] -= term;
-                self.sizes[l.rows.start] = self.sizes[l.rows.start].larger(term.abs());
+                self.note(l.rows.start, term);
             }
         }
         let a = self.a[k];
@@ -247,7 +274,7 @@ impl<T: Real> Solution<T> {
             for (i, row) in structure.loops[passing.of].rows.clone().enumerate() {
                 let term = a.dot(factors.kept[passing.kept + i]);
                 self.g[row] -= term;
-                self.sizes[row] = self.sizes[row].larger(term.abs());
+                self.note(row, term);
             }
         }
         self.z[k] += factors.inertia[k].times(a);
@@ -272,7 +299,8 @@ impl<T: Real> Solution<T> {
         if passed == 6 {
             // A free joint hands on its own force exactly, whatever the size of z.
             self.z[k] = load.tau.map_or(Wrench::zero(), |tau| {
-                Wrench::from_array([0, 1, 2, 3, 4, 5].map(|i| tau[body.v + i]))
+                let t = &tau[body.v..body.v + 6];
+                Wrench::from_array([t[0], t[1], t[2], t[3], t[4], t[5]])
             });
         }
         if let Some(index) = station.join {
@@ -280,15 +308,16 @@ impl<T: Real> Solution<T> {
         }
     }
     /// Gives `self.x`, filled up to `row` and zero beyond, back to the blocks that an operation took.
+    #[inline(always)]
     fn scatter(
         &mut self,
         structure: &Structure<T>,
         factors: &Factors<T>,
         operation: &Operation,
-        done: &Done<T>,
+        done: &Done<Arithmetic<T>>,
         row: usize,
     ) -> usize {
-        self.x[row..done.rows].fill(T::zero());
+        self.x[row..done.rows].fill(Arithmetic::<T>::splat(0.0));
         factors.record(operation, done).apply(&mut self.x, &mut self.stack);
         let mut row = 0;
         for (b, _) in &operation.inputs {
@@ -300,18 +329,19 @@ impl<T: Real> Solution<T> {
     }
     /// The smoother at the joint of body k, whose parent gives it α⁺.
     #[allow(clippy::too_many_arguments)]
+    #[inline(always)]
     fn smooth(
         &mut self,
         structure: &Structure<T>,
         layout: &Layout<T>,
         factors: &Factors<T>,
-        load: &Load<'_, T>,
+        load: &Load<'_, Arithmetic<T>>,
         k: usize,
-        mut alpha: Motion<T>,
-        out: &mut [T],
+        mut alpha: Motion<Arithmetic<T>>,
+        out: &mut [Arithmetic<T>],
     ) {
         let body = &layout.bodies()[k];
-        let o = T::zero();
+        let o = Arithmetic::<T>::splat(0.0);
         let mut xi_row = 0;
         if let Some(index) = structure.stations[k].join {
             let (operation, done) = (&structure.operations[index], &factors.done[index]);
@@ -336,17 +366,18 @@ impl<T: Real> Solution<T> {
         self.alpha[k] = alpha + self.a[k];
     }
     /// Residuals and multipliers of a loop that was closed at a body with acceleration `alpha`.
+    #[inline(always)]
     fn reopen(
         &mut self,
         structure: &Structure<T>,
         factors: &Factors<T>,
         index: usize,
-        alpha: Motion<T>,
+        alpha: Motion<Arithmetic<T>>,
     ) {
         let (operation, done) = (&structure.operations[index], &factors.done[index]);
         for t in 0..done.rank {
             self.x[t] = alpha.dot(factors.x_row(operation, t)) + self.first[operation.row + t];
-            self.largest = self.largest.larger(self.x[t].abs());
+            self.largest = larger(self.largest, size(self.x[t]));
         }
         self.substitute(structure, factors, index, true);
         let mut row = done.rank;
@@ -358,32 +389,35 @@ impl<T: Real> Solution<T> {
         self.scatter(structure, factors, operation, done, row);
     }
     /// The redundant row that lacks most, measured by its terms, the largest residual of all loops and the largest acceleration.
+    #[inline(always)]
     fn find_inconsistency(
         &mut self,
         structure: &Structure<T>,
         frames: &Frames<T>,
         factors: &Factors<T>,
-        ground: Vec3<T>,
+        ground: Vec3<Arithmetic<T>>,
     ) {
         self.inconsistency = None;
         if factors.redundant.is_empty() {
             return;
         }
-        let length = T::splat(structure.length);
-        let most_of = |x: Vec3<T>| x.0[0].abs().larger(x.0[1].abs()).larger(x.0[2].abs());
-        let size_of = |alpha: &Motion<T>| most_of(alpha.linear) + length * most_of(alpha.angular);
-        let fastest = self.alpha.iter().fold(most_of(ground), |most, alpha| most.larger(size_of(alpha)));
+        let length = Arithmetic::<T>::splat(structure.length);
+        let mut fastest = most_of(ground);
+        for alpha in &self.alpha {
+            fastest = larger(fastest, length.fma(most_of(alpha.angular), most_of(alpha.linear)));
+        }
         for &index in &structure.closings {
             let (operation, done) = (&structure.operations[index], &factors.done[index]);
             let of = operation.closes.unwrap_or(0);
             let start = structure.loops[of].rows.start;
             for row in 0..operation.closing {
-                let lost = self.lost[start + row].abs();
-                let size = self.largest.larger(self.sizes[start + row].larger(fastest) / done.scale);
+                let lost = size(self.lost[start + row]).min_lane();
+                let terms = larger(self.sizes[start + row], fastest) / done.scale;
+                let size = larger(self.largest, terms).min_lane();
                 // A row that is open by e cannot be more consistent than that.
                 let allowed = 1e-9 + 10.0 * frames.errors[of];
-                if lost > T::splat(allowed) * size {
-                    let size = (lost / size).to_f64();
+                if lost > allowed * size {
+                    let size = lost / size;
                     if self.inconsistency.is_none_or(|worst| worst.size < size) {
                         self.inconsistency = Some(Inconsistency { closure: of, row, size });
                     }
@@ -393,6 +427,7 @@ impl<T: Real> Solution<T> {
     }
     /// λ of one loop from those closed after it: R λ = η₁ − Σ W'_o λ_o with η₁ on `self.x`, redundant rows without force; or,
     /// not `driven`, with η₁ = 0 and the redundant rows' λ as they are.
+    #[inline(always)]
     fn substitute(&mut self, structure: &Structure<T>, factors: &Factors<T>, index: usize, driven: bool) {
         let (operation, done) = (&structure.operations[index], &factors.done[index]);
         let start = operation.closes.map_or(0, |of| structure.loops[of].rows.start);
@@ -401,11 +436,11 @@ impl<T: Real> Solution<T> {
         let pivots = &factors.pivots[operation.step..][..done.rank];
         if driven {
             for c in (0..operation.closing).filter(|c| !pivots.contains(c)) {
-                self.lambda[start + c] = T::zero();
+                self.lambda[start + c] = Arithmetic::<T>::splat(0.0);
             }
         }
         for t in (0..done.rank).rev() {
-            let mut sum = if driven { self.x[t] } else { T::zero() };
+            let mut sum = if driven { self.x[t] } else { Arithmetic::<T>::splat(0.0) };
             for &(other, first) in &operation.other_loops {
                 for (i, row) in structure.loops[other].rows.clone().enumerate() {
                     sum -= R(t, operation.closing + first + i) * self.lambda[row];
@@ -422,6 +457,10 @@ impl<T: Real> Solution<T> {
     /// λ without its part in the null space of W: the multipliers of least norm. Conjugate gradients on the null vectors, one
     /// per redundant row.
     pub(crate) fn least_norm(&mut self, structure: &Structure<T>, factors: &Factors<T>) {
+        Arithmetic::<T>::dispatch(LeastNorm { solution: self, structure, factors });
+    }
+    #[inline(always)]
+    fn take_out_null(&mut self, structure: &Structure<T>, factors: &Factors<T>) {
         if factors.redundant.is_empty() {
             return;
         }
@@ -434,36 +473,36 @@ impl<T: Real> Solution<T> {
         self.lambda.copy_from_slice(&self.image);
     }
     /// Conjugate gradients on |image − U x|², from x = 0.
+    #[inline(always)]
     fn descend(&mut self, structure: &Structure<T>, factors: &Factors<T>) {
-        let square = |x: &[T]| x.iter().fold(T::zero(), |sum, x| sum + *x * *x);
         self.project_null(structure, factors);
-        let mut gamma = square(&self.gradient);
+        let mut gamma = square::<T>(&self.gradient);
         self.direction.copy_from_slice(&self.gradient);
         for _ in 0..4 * factors.redundant.len() + 8 {
-            if gamma == T::zero() {
+            if gamma == Arithmetic::<T>::splat(0.0) {
                 break;
             }
             // λ = U direction.
             for row in 0..structure.rows {
-                self.lambda[row] = if factors.dropped[row] { self.direction[row] } else { T::zero() };
+                self.lambda[row] = if factors.dropped[row] { self.direction[row] } else { Arithmetic::<T>::splat(0.0) };
             }
             for &index in structure.closings.iter().rev() {
                 self.substitute(structure, factors, index, false);
             }
             // |U x| ≥ |x|: the step is at most one.
-            let step = gamma / square(&self.lambda);
+            let step = gamma / square::<T>(&self.lambda);
             for row in 0..structure.rows {
                 let change = step * self.lambda[row];
                 self.image[row] -= change;
             }
-            let change = step * step * square(&self.lambda);
-            if change <= T::splat(T::EPSILON * T::EPSILON) * square(&self.image) {
+            let change = step * step * square::<T>(&self.lambda);
+            if change.min_lane() <= T::EPSILON * T::EPSILON * square::<T>(&self.image).min_lane() {
                 break;
             }
             self.project_null(structure, factors);
-            let next = square(&self.gradient);
+            let next = square::<T>(&self.gradient);
             // Where the gradient grows it was rounding: begin again.
-            let ratio = if next < gamma { next / gamma } else { T::zero() };
+            let ratio = if next.min_lane() < gamma.min_lane() { next / gamma } else { Arithmetic::<T>::splat(0.0) };
             for row in 0..structure.rows {
                 self.direction[row] = self.gradient[row] + ratio * self.direction[row];
             }
@@ -471,6 +510,7 @@ impl<T: Real> Solution<T> {
         }
     }
     /// gradient = U* image.
+    #[inline(always)]
     fn project_null(&mut self, structure: &Structure<T>, factors: &Factors<T>) {
         self.gradient.copy_from_slice(&self.image);
         for &index in &structure.closings {
@@ -506,7 +546,7 @@ impl<T: Real> Solution<T> {
                 }
             }
             for t in 0..done.rank {
-                self.gradient[start + pivots[t]] = T::zero();
+                self.gradient[start + pivots[t]] = Arithmetic::<T>::splat(0.0);
             }
         }
     }
@@ -517,6 +557,17 @@ impl<T: Real> Solution<T> {
         layout: &Layout<T>,
         factors: &Factors<T>,
         out: &mut [T],
+    ) {
+        let out = T::arithmetic_mut(out);
+        Arithmetic::<T>::dispatch(ConstraintForce { solution: self, structure, layout, factors, out });
+    }
+    #[inline(always)]
+    fn gather_force(
+        &self,
+        structure: &Structure<T>,
+        layout: &Layout<T>,
+        factors: &Factors<T>,
+        out: &mut [Arithmetic<T>],
     ) {
         for (k, body) in layout.bodies().iter().enumerate() {
             let station = &structure.stations[k];
@@ -530,7 +581,8 @@ impl<T: Real> Solution<T> {
                 let mut force = body.hinge.project(i, &f);
                 for entry in station.entries.iter().filter(|e| e.component == i) {
                     let l = &structure.loops[entry.of];
-                    force += entry.coefficient * weight(structure, l, 0) * self.lambda[l.rows.start];
+                    let coefficient = (entry.coefficient * weight(structure, l, 0)).to_arithmetic();
+                    force += coefficient * self.lambda[l.rows.start];
                 }
                 out[body.v + i] = force;
             }
@@ -545,8 +597,74 @@ impl<T: Real> Solution<T> {
                     LoopKind::Frames { .. } => i < l.angular,
                 };
                 let weight = if angular { T::splat(structure.length) } else { T::one() };
-                out[row] = self.lambda[row] * weight;
+                out[row] = T::from_arithmetic(self.lambda[row]) * weight;
             }
         }
     }
+}
+
+struct Run<'a, T: Real> {
+    solution: &'a mut Solution<T>,
+    structure: &'a Structure<T>,
+    layout: &'a Layout<T>,
+    frames: &'a Frames<T>,
+    factors: &'a Factors<T>,
+    load: &'a Load<'a, Arithmetic<T>>,
+    out: &'a mut [Arithmetic<T>],
+}
+
+impl<T: Real> Kernel for Run<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run(self) {
+        let Run { solution, structure, layout, frames, factors, load, out } = self;
+        solution.sweep(structure, layout, frames, factors, load, out);
+    }
+}
+
+struct LeastNorm<'a, T: Real> {
+    solution: &'a mut Solution<T>,
+    structure: &'a Structure<T>,
+    factors: &'a Factors<T>,
+}
+
+impl<T: Real> Kernel for LeastNorm<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run(self) {
+        self.solution.take_out_null(self.structure, self.factors);
+    }
+}
+
+struct ConstraintForce<'a, T: Real> {
+    solution: &'a Solution<T>,
+    structure: &'a Structure<T>,
+    layout: &'a Layout<T>,
+    factors: &'a Factors<T>,
+    out: &'a mut [Arithmetic<T>],
+}
+
+impl<T: Real> Kernel for ConstraintForce<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run(self) {
+        self.solution.gather_force(self.structure, self.layout, self.factors, self.out);
+    }
+}
+
+/// x*x.
+#[inline(always)]
+fn square<T: Real>(x: &[Arithmetic<T>]) -> Arithmetic<T> {
+    let mut sum = Arithmetic::<T>::splat(0.0);
+    for x in x {
+        sum = x.fma(*x, sum);
+    }
+    sum
+}
+
+/// The largest component of a vector.
+#[inline(always)]
+fn most_of<S: Scalar>(x: Vec3<S>) -> S {
+    let [x, y, z] = x.0;
+    larger(larger(size(x), size(y)), size(z))
 }
