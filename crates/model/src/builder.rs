@@ -3,13 +3,13 @@
 use crate::model::{Body, Coupling, Model};
 use crate::nearest_inertia::{as_attributes, nearest_inertia};
 use crate::violation::{ModelErrors, Severity, Subject, Violation};
-use crate::{Inertia, Joint, JointKind};
+use crate::{Closure, Inertia, Joint, JointKind};
 use nalgebra::Matrix3;
 use phipsi_topology::{Edge, Tree, spanning_tree};
 use std::collections::HashMap;
 
 /// Largest magnitude of a mass, length or moment: its products with others stay far from overflow.
-const LARGEST: f64 = 1e60;
+pub(crate) const LARGEST: f64 = 1e60;
 
 /// Standard gravity, m/s².
 pub const STANDARD_GRAVITY: [f64; 3] = [0.0, 0.0, -9.80665];
@@ -34,6 +34,7 @@ pub struct ModelBuilder {
     bodies: Vec<Body>,
     joints: Vec<(Joint, String, String)>,
     couplings: Vec<Coupling>,
+    closures: Vec<Closure>,
     gravity: Option<[f64; 3]>,
     base: Base,
 }
@@ -56,6 +57,11 @@ impl ModelBuilder {
     /// Adds a coupling between two joints (URDF `mimic`).
     pub fn coupling(mut self, coupling: Coupling) -> Self {
         self.couplings.push(coupling);
+        self
+    }
+    /// Adds a closure between two bodies, or a body and the world.
+    pub fn closure(mut self, closure: Closure) -> Self {
+        self.closures.push(closure);
         self
     }
     /// Sets gravity, m/s², world axes; [`STANDARD_GRAVITY`] otherwise.
@@ -196,6 +202,19 @@ impl ModelBuilder {
                 ));
             }
         }
+        let mut seen_closures: HashMap<&str, ()> = HashMap::new();
+        for closure in &self.closures {
+            if seen_closures.insert(&closure.name, ()).is_some() {
+                let subject = Subject::Closure(closure.name.clone());
+                found.push(error(
+                    subject,
+                    "name given twice".into(),
+                    "different names",
+                    "rename one of the closures",
+                ));
+            }
+            closure.check(&indices, found);
+        }
         // Numbers that are wrong do not keep the tree from being looked at; missing or doubled names do.
         if found[before..].iter().any(|v| v.severity == Severity::Error) {
             return;
@@ -293,13 +312,14 @@ impl ModelBuilder {
             v_offsets,
             gravity: self.gravity.unwrap_or(STANDARD_GRAVITY),
             couplings: self.couplings,
+            closures: self.closures,
             body_index,
             joint_index,
         }
     }
 }
 
-fn is_sane(x: f64) -> bool {
+pub(crate) fn is_sane(x: f64) -> bool {
     x.is_finite() && x.abs() <= LARGEST
 }
 

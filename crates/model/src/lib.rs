@@ -15,6 +15,7 @@
 //! ```
 
 pub mod builder;
+pub mod closure;
 pub mod configuration;
 pub mod joint;
 pub mod model;
@@ -24,6 +25,7 @@ pub mod state;
 pub mod violation;
 
 pub use builder::{Base, ModelBuilder};
+pub use closure::{Closure, ClosureKind};
 pub use joint::{Joint, JointKind, Limits, Placement};
 pub use model::{Body, Coupling, Inertia, Model, NameError};
 pub use random::Random;

@@ -1,6 +1,7 @@
 //! The immutable model: a tree of bodies with names, inertias and joints.
 
-use crate::{Joint, JointKind, Placement};
+use crate::violation::{ModelErrors, Subject, Violation};
+use crate::{Closure, Joint, JointKind, Placement};
 use phipsi_spatial::{Quaternion, Real, RigidInertia, Sym3, Vec3};
 use phipsi_topology::Tree;
 use std::collections::HashMap;
@@ -102,6 +103,7 @@ pub struct Model {
     pub(crate) v_offsets: Vec<usize>,
     pub(crate) gravity: [f64; 3],
     pub(crate) couplings: Vec<Coupling>,
+    pub(crate) closures: Vec<Closure>,
     pub(crate) body_index: HashMap<String, usize>,
     pub(crate) joint_index: HashMap<String, usize>,
 }
@@ -151,6 +153,35 @@ impl Model {
     /// Couplings between joints (`mimic`).
     pub fn couplings(&self) -> &[Coupling] {
         &self.couplings
+    }
+    /// Closures between two frames.
+    pub fn closures(&self) -> &[Closure] {
+        &self.closures
+    }
+    /// The same model with one more closure.
+    ///
+    /// # Errors
+    /// [`ModelErrors`] if it names no body of the model, has numbers that make no sense, or a name that is taken.
+    pub fn with_closure(mut self, closure: Closure) -> Result<Self, ModelErrors> {
+        let mut found = Vec::new();
+        if self.closures.iter().any(|c| c.name == closure.name) {
+            let subject = Subject::Closure(closure.name.clone());
+            let remedy = "rename one of the closures";
+            found.push(Violation::error(subject, "name given twice", "different names", remedy));
+        }
+        let bodies = self.body_index.keys().map(|name| (name.as_str(), ())).collect();
+        closure.check::<()>(&bodies, &mut found);
+        if !found.is_empty() {
+            return Err(ModelErrors(found));
+        }
+        self.closures.push(closure);
+        Ok(self)
+    }
+    /// The tree alone: the same model without closures and couplings.
+    pub fn without_closures(mut self) -> Self {
+        self.closures.clear();
+        self.couplings.clear();
+        self
     }
     /// First position coordinate of joint k.
     pub fn q_offset(&self, k: usize) -> usize {
@@ -205,7 +236,7 @@ impl Model {
         let k = self.v_offsets.partition_point(|&o| o <= i) - 1;
         (k, i - self.v_offsets[k])
     }
-    /// Why its dynamics cannot run yet, if it has closures.
+    /// The coupling for which tree dynamics refuses the model, if it has couplings.
     pub fn refused_closure(&self) -> Option<&Coupling> {
         self.couplings.first()
     }

@@ -93,8 +93,8 @@ impl Dynamics {
     /// As [`Dynamics::new`].
     pub fn with_plan(model: &Model, forces: Vec<Box<dyn Force>>, plan: Plan) -> Result<Self, DynamicsError> {
         let layout = Layout::new(model);
-        if let Some(c) = model.refused_closure() {
-            return Err(DynamicsError::Closure { joint: c.joint.clone(), source: c.source.clone() });
+        if let Some(refusal) = layout.refusal() {
+            return Err(refusal.clone());
         }
         let mut names = Vec::new();
         if plan.work {

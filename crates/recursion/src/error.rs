@@ -38,6 +38,11 @@ pub enum DynamicsError {
         /// The joint it follows.
         source: String,
     },
+    /// The model has loops that these recursions do not close.
+    Loop {
+        /// The closure's name.
+        closure: String,
+    },
 }
 
 impl fmt::Display for DynamicsError {
@@ -60,6 +65,11 @@ impl fmt::Display for DynamicsError {
                 f,
                 "joint `{joint}` mimics joint `{source}`: a closure, which tree dynamics does not close; \
                  load the model with mimic = \"free\" to let the joint move freely"
+            ),
+            DynamicsError::Loop { closure } => write!(
+                f,
+                "closure `{closure}` closes a loop, which tree dynamics does not close; \
+                 use the dynamics of closed loops, or the model without closures"
             ),
         }
     }

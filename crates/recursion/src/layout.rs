@@ -198,7 +198,8 @@ impl<C: Real> Layout<C> {
             .collect();
         let refused = model
             .refused_closure()
-            .map(|c| DynamicsError::Closure { joint: c.joint.clone(), source: c.source.clone() });
+            .map(|c| DynamicsError::Closure { joint: c.joint.clone(), source: c.source.clone() })
+            .or_else(|| model.closures().first().map(|c| DynamicsError::Loop { closure: c.name.clone() }));
         let (bodies, waiting) = arrange(&bodies, &mut carriers);
         let rigid = bodies.iter().map(|b| rigid_entries(&b.inertia)).collect();
         let mut outboard_dofs: Vec<usize> = bodies.iter().map(|b| b.hinge.nv()).collect();
@@ -289,6 +290,10 @@ impl<C: Real> Layout<C> {
     pub(crate) fn singular(&self, i: usize, inertia: f64) -> DynamicsError {
         let (joint, component) = self.joint_of_velocity[i].clone();
         DynamicsError::SingularHinge { joint, component, inertia }
+    }
+    /// Why tree dynamics refuses the model, if it has closures that would be ignored.
+    pub fn refusal(&self) -> Option<&DynamicsError> {
+        self.refused.as_ref()
     }
     /// Refuses models whose closures tree dynamics would ignore.
     pub(crate) fn check_tree(&self) -> Result<(), DynamicsError> {

@@ -10,6 +10,7 @@
 
 pub mod articulated_sweep;
 pub mod bodies;
+pub mod closed_dynamics;
 pub mod dense;
 pub mod diagonal_dynamics;
 pub mod dual;
@@ -31,6 +32,7 @@ pub mod joint_reactions;
 pub mod kinematics;
 pub mod linearize;
 pub mod log_determinant_gradient;
+pub mod loops;
 pub mod mass_matrix;
 pub mod mass_matrix_inverse;
 pub mod momentum;
@@ -41,6 +43,7 @@ pub mod square_root_forward_dynamics;
 pub mod upsilon;
 
 pub use articulated_sweep::{articulated_joint_inertias, log_determinant};
+pub use closed_dynamics::{closed_dynamics, closure_jacobian};
 pub use dense::NotPositive;
 pub use diagonal_dynamics::{diagonal_coriolis, diagonal_velocity, joint_inertia_rates};
 pub use dual::Dual;

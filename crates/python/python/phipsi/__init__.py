@@ -10,6 +10,7 @@ kJ/mol: ``phipsi.molecule``. Operators of the algebra: ``phipsi.operators``.
 
 from . import interop, molecule
 from ._native import (
+    AssemblyInfo,
     ForwardInfo,
     InverseKinematicsInfo,
     Model,
@@ -33,6 +34,7 @@ from .state import State
 __all__ = [
     "ArgumentError",
     "ArgumentTypeError",
+    "AssemblyInfo",
     "Error",
     "ForwardInfo",
     "InverseKinematicsInfo",

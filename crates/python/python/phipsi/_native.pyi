@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from .state import State
 
 __all__ = [
+    "AssemblyInfo",
     "ForwardInfo",
     "InverseKinematicsInfo",
     "Minimum",
@@ -92,6 +93,27 @@ class ForwardInfo:
     def worst_hinge(self) -> WorstHinge | None: ...
     @property
     def form(self) -> Literal["plain", "refined", "square_root", "double_double"]: ...
+    @property
+    def closure_residual(self) -> float | NDArray[np.float64] | None: ...
+    @property
+    def velocity_residual(self) -> float | NDArray[np.float64] | None: ...
+    @property
+    def smallest_pivot(self) -> float | NDArray[np.float64] | None: ...
+    @property
+    def error_estimate(self) -> float | NDArray[np.float64] | None: ...
+    @property
+    def rank(self) -> int | NDArray[np.int64] | None: ...
+    @property
+    def near_singular(self) -> bool | NDArray[np.bool_] | None: ...
+    @property
+    def redundant(self) -> list[str] | None: ...
+
+@final
+class AssemblyInfo:
+    @property
+    def closure_residual(self) -> float | NDArray[np.float64]: ...
+    @property
+    def iterations(self) -> int | NDArray[np.int64]: ...
 
 @final
 class OperationalSpaceInfo:
@@ -187,6 +209,41 @@ class Model:
         *,
         info: Literal[True],
     ) -> tuple[NDArray[np.float64], ForwardInfo]: ...
+    def close_loop(
+        self,
+        body_a: str,
+        pose_a: ArrayLike,
+        body_b: str,
+        pose_b: ArrayLike,
+        kind: Literal[
+            "weld",
+            "revolute",
+            "spherical",
+            "universal",
+            "cylindrical",
+            "prismatic",
+            "planar",
+            "distance",
+            "point_on_plane",
+        ] = "weld",
+        name: str | None = None,
+        length: float | None = None,
+    ) -> None: ...
+    @property
+    def closure_names(self) -> list[str]: ...
+    def assemble(self, q: ArrayLike) -> tuple[NDArray[np.float64], AssemblyInfo]: ...
+    @overload
+    def closure_residual(self, q: ArrayLike, v: None = None) -> NDArray[np.float64]: ...
+    @overload
+    def closure_residual(
+        self, q: ArrayLike, v: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+    def closure_forces(
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike
+    ) -> dict[str, NDArray[np.float64]]: ...
+    def generalized_constraint_force(
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike
+    ) -> NDArray[np.float64]: ...
     def inverse_dynamics(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, wrenches: dict[str, ArrayLike] | None = None
     ) -> NDArray[np.float64]: ...
