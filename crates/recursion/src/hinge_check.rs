@@ -17,6 +17,9 @@ const ROUNDING: f64 = 4.0 * f64::EPSILON;
 /// Cost O(n).
 pub fn singular_hinges(model: &Model) -> Vec<Violation> {
     let layout = Layout::<Dd>::new(model);
+    if layout.is_flexible() {
+        return flexible_hinges(model, &layout);
+    }
     let mut singular: Option<Vec<bool>> = None;
     for seed in 0..3 {
         let q: Vec<Dd> = model.random_state(seed).q.iter().map(|&x| Dd::from_f64(x)).collect();
@@ -39,6 +42,28 @@ pub fn singular_hinges(model: &Model) -> Vec<Violation> {
         }
     }
     found
+}
+
+/// The same for a model with flexible bodies: the first hinge that fails at all three states.
+fn flexible_hinges(model: &Model, layout: &Layout<Dd>) -> Vec<Violation> {
+    let mut work = crate::MassMatrixSolution::new(layout);
+    let rest = vec![Dd::from_f64(0.0); layout.nv()];
+    let mut failed = (0..3).map(|seed| {
+        let q: Vec<Dd> = model.random_state(seed).q.iter().map(|&x| Dd::from_f64(x)).collect();
+        work.run(layout, &q, &rest, &mut rest.clone()).err()
+    });
+    match (failed.next().flatten(), failed.next().flatten(), failed.next().flatten()) {
+        (Some(error), Some(_), Some(_)) => {
+            let subject = match &error {
+                crate::DynamicsError::SingularHinge { joint, .. } => Subject::Joint(joint.clone()),
+                _ => Subject::Model,
+            };
+            let required = "inertia outboard of every joint, away from its axis";
+            let remedy = "give the outboard link mass and inertia, or make the joint fixed";
+            vec![Violation::error(subject, error.to_string(), required, remedy)]
+        }
+        _ => Vec::new(),
+    }
 }
 
 fn singular_at(layout: &Layout<Dd>, q: &[Dd]) -> Vec<bool> {
