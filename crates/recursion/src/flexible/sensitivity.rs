@@ -267,11 +267,12 @@ fn moved_inertia<T: Scalar>(
     };
     let mut P = state.M_dd.to_articulated();
     for (child, body) in tree.bodies.iter().enumerate().skip(k + 1) {
-        if body.parent == k
-            && let Some(t) = body.node
-        {
-            let P_t = filter.motions.x[child].articulated_to_parent(&filter.P_through[child]);
-            P = P + front.add(&state.nodes[t], &lifted(&P_t));
+        if body.parent == k {
+            let P_t = lifted(&filter.motions.x[child].articulated_to_parent(&filter.P_through[child]));
+            P = P + match body.node {
+                Some(t) => front.add(&state.nodes[t], &P_t),
+                None => P_t,
+            };
         }
     }
     front.to_hinge(&mut P, modal.inboard.is_some(), &state);
