@@ -29,6 +29,7 @@ mod workspaces;
 pub(crate) use composite::Composite;
 pub(crate) use filter::Filter;
 pub(crate) use newton_euler::NewtonEuler;
+pub(crate) use sensitivity::first_singular;
 pub use sensitivity::{log_determinant, log_determinant_gradient};
 pub(crate) use tangent::{Map, derivatives};
 pub(crate) use tree::{FlexibleTree, rigid_inboard, rigid_node};

@@ -44,26 +44,21 @@ pub fn singular_hinges(model: &Model) -> Vec<Violation> {
     found
 }
 
-/// The same for a model with flexible bodies: the first hinge that fails at all three states.
+/// The same for a model with flexible bodies, one pivot for each degree of freedom; a pivot that fails ends the sweep, so that only
+/// the first hinge without inertia is named.
 fn flexible_hinges(model: &Model, layout: &Layout<Dd>) -> Vec<Violation> {
-    let mut work = crate::MassMatrixSolution::new(layout);
-    let rest = vec![Dd::from_f64(0.0); layout.nv()];
-    let mut failed = (0..3).map(|seed| {
+    let failures = [0, 1, 2].map(|seed| {
         let q: Vec<Dd> = model.random_state(seed).q.iter().map(|&x| Dd::from_f64(x)).collect();
-        work.run(layout, &q, &rest, &mut rest.clone()).err()
+        crate::flexible::first_singular(layout, &q, ROUNDING)
     });
-    match (failed.next().flatten(), failed.next().flatten(), failed.next().flatten()) {
-        (Some(error), Some(_), Some(_)) => {
-            let subject = match &error {
-                crate::DynamicsError::SingularHinge { joint, .. } => Subject::Joint(joint.clone()),
-                _ => Subject::Model,
-            };
-            let required = "inertia outboard of every joint, away from its axis";
-            let remedy = "give the outboard link mass and inertia, or make the joint fixed";
-            vec![Violation::error(subject, error.to_string(), required, remedy)]
-        }
-        _ => Vec::new(),
-    }
+    let [Some(first), Some(_), Some(_)] = failures else { return Vec::new() };
+    let (name, component) = layout.joint_of_velocity(first);
+    vec![Violation::error(
+        Subject::Joint(name.into()),
+        format!("no articulated inertia about degree of freedom {component}"),
+        "inertia outboard of every joint, away from its axis, and modes that do not move with the joint",
+        "give the outboard link mass and inertia, leave the mode out, or make the joint fixed",
+    )]
 }
 
 fn singular_at(layout: &Layout<Dd>, q: &[Dd]) -> Vec<bool> {

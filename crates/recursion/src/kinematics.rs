@@ -91,7 +91,7 @@ pub struct Kinematics<T: Scalar> {
 impl<T: Scalar> Kinematics<T> {
     /// A workspace for a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
-        let n = layout.len();
+        let n = layout.flexible().map_or(layout.len(), |tree| tree.bodies.len());
         Kinematics {
             hinge: vec![Transform::identity(); n],
             world: vec![Transform::identity(); n],

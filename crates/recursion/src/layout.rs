@@ -248,13 +248,13 @@ impl<C: Real> Layout<C> {
             refused,
         }
     }
-    /// Number of moving bodies.
+    /// Number of moving bodies; zero if bodies are flexible, whose tree is kept apart.
     pub fn len(&self) -> usize {
-        self.flexible.as_ref().map_or(self.bodies.len(), |tree| tree.bodies.len())
+        self.bodies.len()
     }
     /// True if nothing moves.
     pub fn is_empty(&self) -> bool {
-        self.len() == 0
+        self.bodies.is_empty() && self.flexible.is_none()
     }
     /// True if some body has modal coordinates.
     pub fn is_flexible(&self) -> bool {

@@ -169,6 +169,27 @@ fn factor<'a, T: Scalar>(
     Ok((tree, filter))
 }
 
+/// The first degree of freedom whose pivot is not above `part` of its entry of M.
+pub(crate) fn first_singular<T: Real>(layout: &Layout<T::Constant>, q: &[T], part: f64) -> Option<usize> {
+    let tree = layout.flexible()?;
+    let nv = layout.nv();
+    let mut matrix = vec![T::zero(); nv * nv];
+    super::Composite::new(tree).run(tree, nv, q, &mut matrix);
+    let mut filter = Filter::new(tree);
+    let rest = vec![T::zero(); nv];
+    match filter.factor(layout, tree, q, &rest, &mut rest.clone()) {
+        Err(DynamicsError::SingularHinge { joint, component, .. }) => {
+            (0..nv).find(|&i| layout.joint_of_velocity(i) == (joint.as_str(), component))
+        }
+        Err(_) => None,
+        Ok(()) => filter
+            .pivots()
+            .enumerate()
+            .find(|(i, D)| !D.is_positive() || *D <= matrix[i * nv + i] * T::splat(part))
+            .map(|(i, _)| i),
+    }
+}
+
 /// Υ⁺ by columns.
 fn inboard<T: Scalar>(
     tree: &FlexibleTree<T::Constant>,
