@@ -246,7 +246,12 @@ impl ModelBuilder {
         if let Some(body) = self.bodies.iter().find(|b| b.name == "world" && b.flexible.is_some()) {
             let subject = Subject::Body(body.name.clone());
             let remedy = "rename the body and hang it on the world by a joint";
-            found.push(error(subject, "the world is flexible".into(), "`world` is the inertial frame", remedy));
+            found.push(error(
+                subject,
+                "the world is flexible".into(),
+                "`world` is the inertial frame",
+                remedy,
+            ));
         }
         if self.base == Base::Free && roots.first().is_some_and(|&r| self.bodies[r].name == "world") {
             let subject = Subject::Body("world".into());
@@ -266,13 +271,23 @@ impl ModelBuilder {
         let Some(body) = self.bodies.iter().find(|body| body.name == parent) else {
             if parent == "world" {
                 let what = format!("node `{node}` of the world");
-                found.push(Violation::error(subject, what, "a flexible parent", "place the joint without a node"));
+                found.push(Violation::error(
+                    subject,
+                    what,
+                    "a flexible parent",
+                    "place the joint without a node",
+                ));
             }
             return;
         };
         let Some(flexible) = &body.flexible else {
             let what = format!("node `{node}` of body `{parent}`, which is rigid");
-            found.push(Violation::error(subject, what, "a flexible parent", "place the joint without a node"));
+            found.push(Violation::error(
+                subject,
+                what,
+                "a flexible parent",
+                "place the joint without a node",
+            ));
             return;
         };
         if flexible.find_node(node).is_none() {

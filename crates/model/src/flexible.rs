@@ -102,9 +102,7 @@ impl ShapeIntegrals {
         // Σ m s0 s0* about the center of mass, and from it the moments of inertia.
         let about = |i: usize, j: usize| w[i][j] - d[i] * center[j];
         let trace = about(0, 0) + about(1, 1) + about(2, 2);
-        let moment = |i: usize, j: usize| {
-            self.rotary[i][j] - about(i, j) + if i == j { trace } else { 0.0 }
-        };
+        let moment = |i: usize, j: usize| self.rotary[i][j] - about(i, j) + if i == j { trace } else { 0.0 };
         let tensor = [moment(0, 0), moment(0, 1), moment(0, 2), moment(1, 1), moment(1, 2), moment(2, 2)];
         Inertia { mass: m, frame: Placement { translation: center, ..Placement::IDENTITY }, tensor }
     }

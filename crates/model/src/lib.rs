@@ -26,7 +26,8 @@ pub mod violation;
 
 pub use builder::{Base, ModelBuilder};
 pub use flexible::{
-    Beam, BeamModes, CraigBampton, FlexibleBody, InterfaceNode, MassPoint, Node, Section, ShapeIntegrals, Stiffening,
+    Beam, BeamModes, CraigBampton, FlexibleBody, InterfaceNode, MassPoint, Node, Section, ShapeIntegrals,
+    Stiffening,
 };
 pub use joint::{Joint, JointKind, Limits, Placement};
 pub use model::{Body, Coupling, Inertia, Model, NameError};

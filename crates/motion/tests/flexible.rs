@@ -3,7 +3,9 @@
 mod common;
 
 use common::run;
-use phipsi_model::{Base, Beam, Body, FlexibleBody, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Section};
+use phipsi_model::{
+    Base, Beam, Body, FlexibleBody, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Section,
+};
 use phipsi_motion::{Conserved, Dynamics, Method, Midpoint, balance};
 use phipsi_recursion::Kinematics;
 

@@ -8,11 +8,11 @@
 //! | c | turning of the axes of planar and free joints: T is a function of θ̈ + c, so ∂c/∂v is subtracted at the end and the speed of a free body stays out of its moments | |
 
 use crate::error::{DynamicsError, check_length};
+use crate::flexible::{Map, derivatives};
 use crate::forward_dynamics::ForwardDynamics;
 use crate::hinge::Hinge;
 use crate::innovations::Innovations;
 use crate::inverse_dynamics_derivatives::DerivativeSweeps;
-use crate::flexible::{Map, derivatives};
 use crate::layout::Layout;
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{Motion, Scalar, Wrench};

@@ -307,7 +307,11 @@ pub fn forward_dynamics<T: Real>(
 ///
 /// # Errors
 /// [`NotPositive`] if M is not positive definite.
-pub fn log_determinant<T: Real>(model: &Model, points: &[Vec<MassPoint>], q: &[T]) -> Result<f64, NotPositive> {
+pub fn log_determinant<T: Real>(
+    model: &Model,
+    points: &[Vec<MassPoint>],
+    q: &[T],
+) -> Result<f64, NotPositive> {
     let M = mass_matrix(model, points, q);
     let factors = Factors::new(&M, (0..model.nv()).rev().collect(), 0.0)?;
     Ok(factors.pivots().iter().map(|x| x.to_f64().ln()).sum())

@@ -263,11 +263,8 @@ pub fn perturbed(case: &FlexibleCase, random: &mut Random, step: f64) -> Flexibl
     let mut change = |x: &f64| x + step * x.abs().max(1e-3) * random.signed();
     let mut all = |x: &[f64]| x.iter().map(&mut change).collect::<Vec<f64>>();
     let (v, a, tau) = (all(&case.v), all(&case.a), all(&case.tau));
-    let wrenches = case
-        .wrenches
-        .iter()
-        .map(|w| Wrench::from_array(vector(w.to_array(), random, step)))
-        .collect();
+    let wrenches =
+        case.wrenches.iter().map(|w| Wrench::from_array(vector(w.to_array(), random, step))).collect();
     // Angles and quaternions by the larger of one and their size: the rounding of a rotation.
     let q = case.q.iter().map(|x| x + step * x.abs().max(1.0) * random.signed()).collect();
     FlexibleCase { model, points, q, v, a, tau, wrenches, drafts }

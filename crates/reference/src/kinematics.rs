@@ -81,8 +81,7 @@ pub(crate) fn node_pose<T: Real>(node: &Node, eta: &[Jet<T>]) -> Pose<T> {
     let n = eta.len();
     let mut origin = combination(&node.displacement, eta);
     if let Some(quadratic) = &node.quadratic {
-        let pairs: Vec<Jet<T>> =
-            (0..n * n).map(|x| (eta[x / n] * eta[x % n]).scale(T::splat(0.5))).collect();
+        let pairs: Vec<Jet<T>> = (0..n * n).map(|x| (eta[x / n] * eta[x % n]).scale(T::splat(0.5))).collect();
         let second = combination(quadratic, &pairs);
         origin = [0, 1, 2].map(|i| origin[i] + second[i]);
     }
@@ -111,10 +110,7 @@ type Matrix<T> = [[Jet<T>; 3]; 3];
 
 impl<T: Real> Pose<T> {
     fn compose(&self, inner: &Self) -> Self {
-        Pose {
-            rotation: product(&self.rotation, &inner.rotation),
-            origin: self.point(&inner.origin),
-        }
+        Pose { rotation: product(&self.rotation, &inner.rotation), origin: self.point(&inner.origin) }
     }
     fn inverse(&self) -> Self {
         let zero = Jet::constant(T::zero());

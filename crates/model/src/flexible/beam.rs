@@ -182,10 +182,8 @@ impl Beam {
         let rule = panels(2 * highest + 8);
         let mut sum = ShapeIntegrals::zero(n);
         let mut stiffness = vec![0.0; n * n];
-        let mut stiffening = Stiffening {
-            displacement: vec![[0.0; 3]; n * n],
-            moment: vec![[[0.0; 3]; 3]; n * n],
-        };
+        let mut stiffening =
+            Stiffening { displacement: vec![[0.0; 3]; n * n], moment: vec![[[0.0; 3]; 3]; n * n] };
         sum.mass = section.mass_per_length * length;
         sum.first_moment[0] = 0.5 * sum.mass * length;
         sum.second_moment[0][0] = sum.mass * length * length / 3.0;

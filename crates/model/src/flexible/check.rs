@@ -129,7 +129,12 @@ fn check_matrices(subject: &dyn Fn() -> Subject, body: &FlexibleBody, found: &mu
                 let (a, b) = (m[l * n + k], m[k * n + l]);
                 if (a - b).abs() > SYMMETRY * largest {
                     let what = format!("{what}: entries ({l}, {k}) and ({k}, {l}) are {a:e} and {b:e}");
-                    found.push(Violation::error(subject(), what, "a symmetric matrix", "correct one of them"));
+                    found.push(Violation::error(
+                        subject(),
+                        what,
+                        "a symmetric matrix",
+                        "correct one of them",
+                    ));
                     return;
                 }
             }

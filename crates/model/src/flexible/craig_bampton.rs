@@ -162,14 +162,22 @@ impl CraigBampton {
         let width = if size == 6 * nodes { 6 } else { 3 };
         if nodes == 0 || size != width * nodes {
             let what = format!("{size} rows of the mass matrix for {nodes} nodes");
-            error(what, "three or six rows for every node", "give positions of all nodes in the matrix's order");
+            error(
+                what,
+                "three or six rows for every node",
+                "give positions of all nodes in the matrix's order",
+            );
         }
         for (what, matrix) in [("mass", &self.mass), ("stiffness", &self.stiffness)] {
             if matrix.nrows() != size || matrix.ncols() != size {
                 let what = format!("{what} matrix of {}×{}", matrix.nrows(), matrix.ncols());
                 error(what, &format!("{size}×{size}"), "give both matrices for the same degrees of freedom");
             } else if matrix.iter().any(|x| !x.is_finite()) {
-                error(format!("{what} matrix with an entry that is not finite"), "finite numbers", "correct it");
+                error(
+                    format!("{what} matrix with an entry that is not finite"),
+                    "finite numbers",
+                    "correct it",
+                );
             }
         }
         if self.positions.iter().flatten().any(|x| !x.is_finite()) {
@@ -288,11 +296,7 @@ impl CraigBampton {
 }
 
 /// Φ with K Φ = M Φ ω², the `count` lowest, by the largest 1/ω² of c⁻¹ M c⁻* with K = c c*.
-fn lowest(
-    stiff: &nalgebra::Cholesky<f64, nalgebra::Dyn>,
-    mass: &DMatrix<f64>,
-    count: usize,
-) -> DMatrix<f64> {
+fn lowest(stiff: &nalgebra::Cholesky<f64, nalgebra::Dyn>, mass: &DMatrix<f64>, count: usize) -> DMatrix<f64> {
     if count == 0 {
         return DMatrix::zeros(mass.nrows(), 0);
     }
@@ -383,11 +387,8 @@ mod tests {
             let n = body.modes();
             assert_eq!(n, 15);
             assert!(!report.lumped && report.lumping < 1e-12, "{report:?}");
-            let mut points = vec![MassPoint {
-                mass: masses[0],
-                position: [0.0; 3],
-                displacement: vec![[0.0; 3]; n],
-            }];
+            let mut points =
+                vec![MassPoint { mass: masses[0], position: [0.0; 3], displacement: vec![[0.0; 3]; n] }];
             points.extend(body.nodes.iter().enumerate().map(|(k, node)| MassPoint {
                 mass: masses[k + 1],
                 position: node.position,
@@ -427,7 +428,8 @@ mod tests {
     fn beam_elements(elements: usize) -> CraigBampton {
         let nodes = elements + 1;
         let h = 1.0 / elements as f64;
-        let (mut mass, mut stiffness) = (DMatrix::zeros(6 * nodes, 6 * nodes), DMatrix::zeros(6 * nodes, 6 * nodes));
+        let (mut mass, mut stiffness) =
+            (DMatrix::zeros(6 * nodes, 6 * nodes), DMatrix::zeros(6 * nodes, 6 * nodes));
         let m = [
             [156.0, 22.0 * h, 54.0, -13.0 * h],
             [22.0 * h, 4.0 * h * h, 13.0 * h, -3.0 * h * h],

@@ -228,7 +228,8 @@ impl<T: Scalar> NodeState<T> {
         let twice = two * self.theta.dot(rate);
         let once = self.theta.cross(rate);
         // J̇ θ̇; of b θ~² only the second factor's rate stays, θ̇ × (θ × θ̇).
-        let turn = self.theta.cross(once).scale(db * twice) - once.scale(da * twice) + rate.cross(once).scale(b);
+        let turn =
+            self.theta.cross(once).scale(db * twice) - once.scale(da * twice) + rate.cross(once).scale(b);
         let angular = R.transpose_mul(omega).cross(relative.angular) + turn;
         let drift = *R * relative.linear;
         let linear = omega.cross(omega.cross(s)) + omega.cross(drift).scale(two) + second;

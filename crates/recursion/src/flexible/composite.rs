@@ -92,9 +92,8 @@ impl<T: Scalar> Composite<T> {
             for l in 0..n {
                 let moved = self.R[k].momentum(state.Gamma[l]);
                 for m in 0..n {
-                    R_ee[l * n + m] += state.Gamma[l].dot(R_de[m])
-                        + state.Gamma[m].dot(R_de[l])
-                        + state.Gamma[m].dot(moved);
+                    R_ee[l * n + m] +=
+                        state.Gamma[l].dot(R_de[m]) + state.Gamma[m].dot(R_de[l]) + state.Gamma[m].dot(moved);
                 }
             }
             for l in 0..n {

@@ -89,11 +89,8 @@ pub(crate) struct Filter<T: Scalar> {
 impl<T: Scalar> Filter<T> {
     pub(crate) fn new(tree: &FlexibleTree<T::Constant>) -> Self {
         let n = tree.bodies.len();
-        let front = |n: usize| Front {
-            c: vec![T::zero(); n * n],
-            W: vec![Wrench::zero(); n],
-            y: vec![T::zero(); n],
-        };
+        let front =
+            |n: usize| Front { c: vec![T::zero(); n * n], W: vec![Wrench::zero(); n], y: vec![T::zero(); n] };
         let joints = tree.bodies.iter().map(|b| b.v + b.dofs()).max().unwrap_or(0);
         Filter {
             motions: Motions::new(tree),
@@ -173,12 +170,7 @@ impl<T: Scalar> Filter<T> {
         Ok(())
     }
     /// M_fl and b_fl of all bodies, and their loads.
-    fn begin(
-        &mut self,
-        tree: &FlexibleTree<T::Constant>,
-        (q, v): (&[T], &[T]),
-        loads: Option<&[Wrench<T>]>,
-    ) {
+    fn begin(&mut self, tree: &FlexibleTree<T::Constant>, (q, v): (&[T], &[T]), loads: Option<&[Wrench<T>]>) {
         for (k, body) in tree.bodies.iter().enumerate() {
             (self.P[k], self.z[k]) = match body.modal {
                 None => {

@@ -234,12 +234,7 @@ pub(crate) fn checked<'a, W, T: Scalar>(
 
 /// Component l of K η + C η̇.
 #[inline(always)]
-pub(crate) fn elastic<T: Scalar>(
-    modal: &super::tree::Modal<T::Constant>,
-    l: usize,
-    q: &[T],
-    v: &[T],
-) -> T {
+pub(crate) fn elastic<T: Scalar>(modal: &super::tree::Modal<T::Constant>, l: usize, q: &[T], v: &[T]) -> T {
     let n = modal.n;
     let mut sum = T::zero();
     for m in 0..n {
