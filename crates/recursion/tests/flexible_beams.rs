@@ -165,7 +165,7 @@ fn a_stiffened_cantilever_spins() {
 }
 
 /// In-plane vibrations of a beam that also stretches (slenderness 70), about the unstretched state: Coriolis forces couple the two.
-/// Published (24th ICAS congress): 3.6195, 3.888, 4.2393, 4.6105, 4.97.
+/// Published: Hamza-cherif and Houmat, 24th ICAS congress, table 2.
 #[test]
 fn a_stretching_cantilever_spins() {
     let section = Section { axial_stiffness: 70.0 * 70.0, ..section(1.0, 1.0) };
@@ -181,7 +181,15 @@ fn a_stretching_cantilever_spins() {
     let layout = Layout::<f64>::new(&model);
     let (q, n) = (model.neutral::<f64>(), model.nv());
     let free = n - 1;
-    for (gamma, want) in [(2.0, 3.6196), (4.0, 3.8881), (6.0, 4.2396), (8.0, 4.6116), (10.0, 4.9729)] {
+    // γ, frequency, and the part of it that the printed digits and the expansion behind them leave open.
+    let table = [
+        (2.0, 3.6195, 2e-4),
+        (4.0, 3.888, 2e-4),
+        (6.0, 4.2393, 2e-4),
+        (8.0, 4.6105, 2e-4),
+        (10.0, 4.97, 1e-3),
+    ];
+    for (gamma, want, part) in table {
         let mut v = vec![0.0; n];
         v[0] = gamma;
         let (k, g, m) = inverse_dynamics_derivatives(&layout, &q, &v, &vec![0.0; n], None).unwrap();
@@ -198,8 +206,7 @@ fn a_stretching_cantilever_spins() {
         }
         let eigen = first_order.complex_eigenvalues();
         let lowest = eigen.iter().map(|x| x.im).filter(|x| *x > 1e-3).fold(f64::INFINITY, f64::min);
-        // Four decimals of the table, and what eight bending modes lack.
-        assert!((lowest - want).abs() < 2e-4, "{gamma}: {lowest} {want}");
+        assert!((lowest / want - 1.0).abs() < part, "{gamma}: {lowest} {want}");
     }
 }
 

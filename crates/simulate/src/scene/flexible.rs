@@ -18,8 +18,9 @@ pub(super) fn read_flexible(table: &mut Table<'_>, report: &mut Report) -> Optio
     let mass_per_length = positive("mass_per_length", report);
     table.required("bending_stiffness", report, "two numbers: EI for displacement along y and along z, N·m²");
     let bending_stiffness = table.numbers::<2>("bending_stiffness", report);
-    let optional =
-        |table: &mut Table<'_>, key, report: &mut Report| table.positive(key, true, report).unwrap_or_default();
+    let optional = |table: &mut Table<'_>, key, report: &mut Report| {
+        table.positive(key, true, report).unwrap_or_default()
+    };
     let section = Section {
         mass_per_length: mass_per_length.unwrap_or(1.0),
         bending_stiffness: bending_stiffness.unwrap_or_default(),
