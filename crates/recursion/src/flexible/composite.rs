@@ -65,7 +65,7 @@ impl<T: Scalar> Composite<T> {
         for k in (0..tree.bodies.len()).rev() {
             let body = &tree.bodies[k];
             if let Some(i) = body.modal {
-                self.to_hinge(tree, k, i);
+                self.change_to_hinge(tree, k, i);
                 let (n, v) = (tree.modal[i].n, tree.modal[i].v);
                 for l in 0..n {
                     for m in 0..n {
@@ -85,7 +85,7 @@ impl<T: Scalar> Composite<T> {
         }
     }
     /// R′ of flexible body `i`.
-    fn to_hinge(&mut self, tree: &FlexibleTree<T::Constant>, k: usize, i: usize) {
+    fn change_to_hinge(&mut self, tree: &FlexibleTree<T::Constant>, k: usize, i: usize) {
         let (state, n) = (&self.motions.states[i], tree.modal[i].n);
         let (R_ee, R_de) = (&mut self.R_ee[i], &mut self.R_de[i]);
         if tree.modal[i].inboard.is_some() {

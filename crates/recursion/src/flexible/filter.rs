@@ -48,7 +48,12 @@ impl<T: Scalar> Front<T> {
         node.pose.articulated_to_parent(P_t)
     }
     /// L* P L: Γ where the joint `held` a node, then the axes of the hinge frame.
-    pub(crate) fn to_hinge(&mut self, P: &mut ArticulatedInertia<T>, held: bool, state: &BodyState<T>) {
+    pub(crate) fn change_to_hinge(
+        &mut self,
+        P: &mut ArticulatedInertia<T>,
+        held: bool,
+        state: &BodyState<T>,
+    ) {
         let n = self.y.len();
         if held {
             for l in 0..n {
@@ -217,7 +222,7 @@ impl<T: Scalar> Filter<T> {
                 front.y[l] += state.Gamma[l].dot(z);
             }
         }
-        front.to_hinge(&mut P, held, state);
+        front.change_to_hinge(&mut P, held, state);
         z = state.hinge.wrench_to_child(z);
         for l in 0..n {
             front.y[l] = tau[l] - front.y[l];

@@ -296,7 +296,7 @@ fn moved_inertia<T: Scalar>(
             };
         }
     }
-    front.to_hinge(&mut P, modal.inboard.is_some(), &state);
+    front.change_to_hinge(&mut P, modal.inboard.is_some(), &state);
     let mut ee: Vec<T> = front.c.iter().map(|x| x.rate).collect();
     for a in 0..n {
         for b in 0..a {

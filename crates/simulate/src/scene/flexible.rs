@@ -69,7 +69,7 @@ pub(super) fn read_flexible(table: &mut Table<'_>, report: &mut Report) -> Optio
 
 /// A whole number of modes.
 fn count(x: f64, key: &str, table: &Table<'_>, report: &mut Report) -> usize {
-    if x >= 0.0 && x <= MOST_MODES && x.fract() == 0.0 {
+    if (0.0..=MOST_MODES).contains(&x) && x.fract() == 0.0 {
         return x as usize;
     }
     let required = format!("whole numbers from 0 to {MOST_MODES}");
