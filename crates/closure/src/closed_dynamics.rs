@@ -167,6 +167,7 @@ impl<T: Real> ClosedDynamics<T> {
     pub fn new(model: &Model) -> Result<Self, ClosureError> {
         let tree = model.clone().without_closures();
         let layout = Layout::new(&tree);
+        layout.check_rigid("ClosedDynamics")?;
         let structure = Structure::new(model, &layout)?;
         Ok(ClosedDynamics {
             frames: Frames::new(&structure, &layout),

@@ -18,6 +18,7 @@ use phipsi_spatial::{ArticulatedInertia, Mat3, Real, Sym3, Vec3, Wrench};
 
 /// First degree of freedom of the one floating base.
 fn base<T: Real>(layout: &Layout<T>) -> Result<usize, FreeFlightError> {
+    layout.check_rigid("space_jacobian")?;
     let roots = || layout.bodies().iter().filter(|b| b.parent == GROUND);
     match (roots().next(), roots().count()) {
         (Some(root), 1) if matches!(root.hinge, Hinge::Free) => Ok(root.v),

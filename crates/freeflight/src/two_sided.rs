@@ -114,8 +114,9 @@ impl<T: Real> TwoSided<T> {
     /// A workspace for a layout all of whose roots float.
     ///
     /// # Errors
-    /// [`FreeFlightError::NotFree`].
+    /// [`FreeFlightError::NotFree`]; [`DynamicsError::Flexible`].
     pub fn new(layout: &Layout<T>) -> Result<Self, FreeFlightError> {
+        layout.check_rigid("TwoSided")?;
         let n = layout.len();
         let mut count = vec![0; n + 1];
         for body in layout.bodies() {

@@ -251,7 +251,21 @@ impl Dynamics {
     fn power(&self, v: &[f64]) -> f64 {
         let joints: f64 = self.tau.iter().zip(v).map(|(tau, v)| tau * v).sum();
         let bodies = |k: usize| self.kinematics.velocity_in_body(&self.layout, Some(k)).dot(self.wrenches[k]);
-        if self.plan.wrenches { joints + (0..self.model.len()).map(bodies).sum::<f64>() } else { joints }
+        let wrenches = if self.plan.wrenches { (0..self.model.len()).map(bodies).sum::<f64>() } else { 0.0 };
+        joints + wrenches - self.modal_loss(v)
+    }
+
+    /// η̇·C η̇ over all flexible bodies.
+    fn modal_loss(&self, v: &[f64]) -> f64 {
+        let mut loss = 0.0;
+        for (k, body) in self.model.bodies().iter().enumerate() {
+            let Some(flexible) = &body.flexible else { continue };
+            let rates = &v[self.model.mode_v_range(k)];
+            for (row, x) in flexible.damping.chunks_exact(rates.len().max(1)).zip(rates) {
+                loss += x * row.iter().zip(rates).map(|(c, y)| c * y).sum::<f64>();
+            }
+        }
+        loss
     }
 
     /// Rate of momentum by external forces: moment about the centre of mass, force; world axes.

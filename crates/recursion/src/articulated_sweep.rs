@@ -68,7 +68,7 @@ pub(crate) fn eliminate<T: Scalar>(
 
 /// One axis with its column U of P and pivot D: P −= U D⁻¹ U*.
 #[inline(always)]
-fn eliminate_axis<T: Scalar>(
+pub(crate) fn eliminate_axis<T: Scalar>(
     P: &mut ArticulatedInertia<T>,
     column: Wrench<T>,
     D: T,
@@ -244,9 +244,10 @@ impl<T: Scalar> ArticulatedSweep<T> {
     /// Factors M(q) = (I + HφK) D (I + HφK)* (soa.md 3.1). `q`: nq. Cost O(n).
     ///
     /// # Errors
-    /// [`DynamicsError::Shape`], [`DynamicsError::Closure`]; [`DynamicsError::SingularHinge`] if a D is not positive.
+    /// [`DynamicsError::Shape`], [`DynamicsError::Closure`], [`DynamicsError::Flexible`]; [`DynamicsError::SingularHinge`] if a
+    /// D is not positive.
     pub fn new(layout: &Layout<T::Constant>, q: &[T]) -> Result<Self, DynamicsError> {
-        layout.check_tree()?;
+        layout.check_closures()?;
         check_length("q", q, layout.nq())?;
         let mut sweep = Self::empty(layout);
         sweep.update(layout, q)?;
@@ -265,6 +266,7 @@ impl<T: Scalar> ArticulatedSweep<T> {
     /// # Errors
     /// As [`ArticulatedSweep::new`].
     pub fn update(&mut self, layout: &Layout<T::Constant>, q: &[T]) -> Result<(), DynamicsError> {
+        layout.check_rigid("ArticulatedSweep")?;
         check_length("q", q, layout.nq())?;
         check_length("sweep", &self.pivots, layout.nv())?;
         T::Arithmetic::dispatch(Factor { sweep: self, layout, q: T::arithmetic(q) })

@@ -187,7 +187,8 @@ impl<T: Scalar> DiagonalDynamics<T> {
         q: &[T],
         arguments: [(&'static str, &[T]); 2],
     ) -> Result<(), DynamicsError> {
-        layout.check_tree()?;
+        layout.check_closures()?;
+        layout.check_rigid("diagonal_dynamics")?;
         check_length("q", q, layout.nq())?;
         for (name, x) in arguments {
             check_length(name, x, layout.nv())?;

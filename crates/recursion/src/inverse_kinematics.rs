@@ -205,7 +205,8 @@ impl<T: Real> InverseKinematics<T> {
         options: InverseKinematicsOptions,
         out: &mut [T],
     ) -> Result<InverseKinematicsInfo, DynamicsError> {
-        layout.check_tree()?;
+        layout.check_closures()?;
+        layout.check_rigid("inverse_kinematics")?;
         check_length("q0", q0, layout.nq())?;
         check_length("out", out, layout.nq())?;
         check_length("workspace", &self.moving, model.len())?;

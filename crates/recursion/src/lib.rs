@@ -4,6 +4,8 @@
 //! poses, velocities and wrenches are in the user's frames. Each algorithm owns a workspace, made once from a layout;
 //! its method then runs without allocation. The functions of the same name allocate and suit single calls.
 //!
+//! Models may have [`flexible`] bodies; an algorithm that knows none refuses them.
+//!
 //! Everything is generic over the scalar; constants of the layout are kept in [`phipsi_spatial::Scalar::Constant`].
 //!
 //! ```
@@ -32,6 +34,7 @@ mod derivative_columns;
 pub mod diagonal_dynamics;
 pub mod energy;
 pub mod error;
+pub mod flexible;
 pub mod form;
 pub mod forward_dynamics;
 pub mod forward_dynamics_derivatives;

@@ -65,7 +65,8 @@ impl<T: Scalar> LogDeterminantGradient<T> {
     /// # Errors
     /// [`DynamicsError::Shape`], [`DynamicsError::Closure`], [`DynamicsError::SingularHinge`].
     pub fn run(&mut self, layout: &Layout<T::Constant>, q: &[T], out: &mut [T]) -> Result<(), DynamicsError> {
-        layout.check_tree()?;
+        layout.check_closures()?;
+        layout.check_rigid("log_determinant_gradient")?;
         check_length("q", q, layout.nq())?;
         check_length("out", out, layout.nv())?;
         check_length("workspace", &self.P, layout.len())?;

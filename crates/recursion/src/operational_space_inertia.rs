@@ -89,7 +89,8 @@ impl<T: Real> OperationalSpaceInertia<T> {
         point: Option<Vec3<T>>,
         out: &mut [T],
     ) -> Result<OperationalSpaceInfo, DynamicsError> {
-        layout.check_tree()?;
+        layout.check_closures()?;
+        layout.check_rigid("operational_space_inertia")?;
         check_length("q", q, layout.nq())?;
         check_length("out", out, 36)?;
         check_length("workspace", &self.columns, 6 * layout.nv())?;

@@ -168,7 +168,8 @@ impl<T: Scalar> Upsilon<T> {
     /// # Errors
     /// [`DynamicsError::Shape`], [`DynamicsError::Closure`], [`DynamicsError::SingularHinge`].
     pub fn run(&mut self, layout: &Layout<T::Constant>, q: &[T], out: &mut [T]) -> Result<(), DynamicsError> {
-        layout.check_tree()?;
+        layout.check_closures()?;
+        layout.check_rigid("upsilon")?;
         check_length("q", q, layout.nq())?;
         check_length("out", out, 36 * layout.model_bodies())?;
         check_length("workspace", &self.Y, layout.len())?;

@@ -11,6 +11,7 @@ use phipsi_recursion::{
     Upsilon, body_pose, body_velocity,
 };
 use phipsi_reference::generate::case;
+use phipsi_reference::generate_flexible::{Bodies, flexible_case};
 use phipsi_spatial::Wrench;
 
 fn assert_none(what: &str, seed: u64, run: impl FnOnce()) {
@@ -144,6 +145,54 @@ fn kernels_do_not_allocate() {
         let mut forces = vec![Wrench::zero(); case.model.len()];
         assert_none("joint reactions", seed, || {
             reactions.run(&layout, q, v, &case.a, wrenches, &mut forces).unwrap();
+        });
+    }
+}
+
+#[test]
+fn kernels_with_flexible_bodies_do_not_allocate() {
+    for seed in 0..50 {
+        let case = flexible_case(seed, Bodies::General);
+        let layout = Layout::<f64>::new(&case.model);
+        let (q, v, wrenches) = (&case.q[..], &case.v[..], Some(&case.wrenches[..]));
+        let mut out = vec![0.0; case.model.nv()];
+        let mut matrix = vec![0.0; out.len() * out.len()];
+        let mut forward = ForwardDynamics::new(&layout);
+        let mut inverse = InverseDynamics::new(&layout);
+        let mut mass_matrix = MassMatrix::new(&layout);
+        let mut inverse_matrix = MassMatrixInverse::new(&layout);
+        let mut solution = MassMatrixSolution::new(&layout);
+        let mut kinematics = Kinematics::new(&layout);
+        let mut kinetic = KineticEnergy::new(&layout);
+        let mut center = CenterOfMass::new(&layout);
+        let mut momentum = Momentum::new(&layout);
+        assert_none("forward dynamics", seed, || {
+            forward.run(&layout, q, v, &case.tau, wrenches, &mut out).unwrap();
+        });
+        for form in [Form::Auto, Form::Plain, Form::Refined, Form::DoubleDouble] {
+            let mut forward = FormForwardDynamics::new(&case.model, &layout, form);
+            assert_none(form.name(), seed, || {
+                forward.run(&layout, q, v, &case.tau, wrenches, &mut out).unwrap();
+            });
+        }
+        assert_none("inverse dynamics", seed, || {
+            inverse.run(&layout, q, v, &case.a, wrenches, &mut out).unwrap();
+        });
+        assert_none("mass matrix", seed, || mass_matrix.run(&layout, q, &mut matrix).unwrap());
+        assert_none("inverse of the mass matrix", seed, || {
+            inverse_matrix.run(&layout, q, &mut matrix).unwrap();
+        });
+        assert_none("solution", seed, || solution.run(&layout, q, &case.tau, &mut out).unwrap());
+        assert_none("kinematics", seed, || {
+            kinematics.set_position(&layout, q).unwrap();
+            kinematics.set_velocity(&layout, v).unwrap();
+            kinematics.set_acceleration(&layout, v, &case.a).unwrap();
+        });
+        assert_none("energies and momentum", seed, || {
+            kinetic.run(&layout, q, v).unwrap();
+            center.run(&layout, q).unwrap();
+            center.potential_energy(&layout, q).unwrap();
+            momentum.run(&layout, q, v, About::CenterOfMass).unwrap();
         });
     }
 }

@@ -7,8 +7,8 @@
 //! |---|---|
 //! | `[model]` | `urdf` (relative to the scene), `base` = "fixed" or "free", `gravity`, `mimic` = "closure" or "free", `friction_speed` |
 //! | `[molecule]` | instead of a model: `pdb`, `system` (OpenMM's XML), `rigid` = kinds of bonds, `hinges`, `groups`, `temperature_K`, `seed`, `minimize`, `ignore`; times in ps, `step_fs` |
-//! | `[[body]]` | `name`, `inertial` = { `origin`, `mass`, `inertia` = { `ixx` … } }: the URDF's words |
-//! | `[[joint]]` | `name`, `type`, `parent`, `child`, `origin` = { `xyz`, `rpy` }, `axis`, `axis2`, `pitch`, `limit`, `dynamics`, `mimic` |
+//! | `[[body]]` | `name`, `inertial` = { `origin`, `mass`, `inertia` = { `ixx` … } }: the URDF's words; or `flexible` = a beam, see below |
+//! | `[[joint]]` | `name`, `type`, `parent`, `child`, `origin` = { `xyz`, `rpy` }, `axis`, `axis2`, `pitch`, `limit`, `dynamics`, `mimic`, `node` of a flexible parent |
 //! | `[initial]` | `q.JOINT`, `v.JOINT`: a number, or a list for joints with several coordinates; others are neutral |
 //! | `[[force]]` | `kind` with its parameters, see below; `name` |
 //! | `[integrator]` | `t_end`; `method` = "auto", "dop853", "tsit5" with `rtol`, `atol`, `max_step`, or "rk4", "midpoint" with `step`; `estimate`; `form` of forward dynamics |
@@ -22,9 +22,14 @@
 //! `moment`, `force`). `value`, `target` and the components of `moment` and `force` are functions of time: a number, an
 //! expression in t such as "0.3*sin(2*pi*t)", or a table [[time, value], …].
 //!
+//! Beams: `length`, `mass_per_length`, `bending_stiffness` = [along y, along z], `torsional_stiffness`, `polar_inertia`,
+//! `axial_stiffness`, `bending` = [modes along y, along z], `torsion`, `axial`, `modes` = "interface", "clamped_free" or "pinned",
+//! `stiffened`, `damping` (C = damping K, s), `nodes` = [{ `name`, `x` }] besides `tip`, `held_at`.
+//!
 //! Outputs: `joint` (with `component`, `of` = "q" or "v"), `joints` (a sum, with `factors`), `body` with `point`, `axis` and
 //! `of` = "position" or "velocity", `body_a` … `point_b` (a distance), `energy` = "kinetic", "potential" or "total".
 
+mod flexible;
 mod force;
 mod mechanism;
 mod molecule;
