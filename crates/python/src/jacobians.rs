@@ -326,7 +326,8 @@ impl Model {
     /// orientation : False: only the position counts.
     /// limits : True: one-axis joints stay within the limits of the model.
     /// tolerance : reached if the rotation left, rad, and the distance left, in units of ``length``, are at most this.
-    /// iterations : steps from each start, at most. restarts : random starts after q0, at most. seed : of these.
+    /// iterations : steps from each start, at most. restarts : further starts, at most: q0 passing
+    ///     limits, whose hinges are turned back by whole turns, then random ones. seed : of these.
     /// length : radius, m, at which rotations count as lengths; None: the length of the path of joints to the body.
     ///
     /// Returns

@@ -14,7 +14,7 @@
 //! Steps to a target that is reached are damped least squares, V σ/(σ² + μ) U* e with μ a multiple of |e|²: quadratic
 //! convergence also where the arm is redundant (Yamashita and Fukushima 2001). Where e does not go to zero its curvature counts
 //! and steps are Newton's, (B + μ) δq = −g with μ a multiple of the squares of the columns of W J. Limits hold by an active set: coordinates that the gradient presses against a limit
-//! stay there.
+//! stay there. A start that limits stop is tried again without them: hinges are turned back by whole turns afterwards.
 
 use crate::error::{DynamicsError, check_length};
 use crate::jacobian_pseudo_inverse::{JacobianPseudoInverse, PseudoInverseOptions, Tip};
@@ -34,7 +34,8 @@ pub struct InverseKinematicsOptions {
     pub tolerance: f64,
     /// Steps from each starting configuration, at most.
     pub iterations: usize,
-    /// Random configurations to start from after the user's own, at most.
+    /// Further starts after the user's own configuration, at most: the same again passing limits, where there are limits, and
+    /// random ones.
     pub restarts: usize,
     /// Seed of these.
     pub seed: u64,
@@ -93,6 +94,8 @@ pub struct InverseKinematics<T: Scalar> {
     moving: Vec<bool>,
     lower: Vec<Option<f64>>,
     upper: Vec<Option<f64>>,
+    /// False while limits are passed.
+    bounded: bool,
     q: Vec<T>,
     trial: Vec<T>,
     step: Vec<T>,
@@ -163,6 +166,7 @@ impl<T: Real> InverseKinematics<T> {
             moving: vec![false; model.len()],
             lower: vec![None; nv],
             upper: vec![None; nv],
+            bounded: true,
             q: vec![T::zero(); nq],
             trial: vec![T::zero(); nq],
             step: vec![T::zero(); nv],
@@ -223,8 +227,18 @@ impl<T: Real> InverseKinematics<T> {
         let (mut iterations, mut starts) = (0, 0);
         let mut found: Option<End<T>> = None;
         for start in 0..=options.restarts {
-            self.begin(&goal, q0, start, &mut random);
+            let limited = self.lower.iter().any(Option::is_some);
+            // What limits stop on the way may lie within them by whole turns: q0 again, and random starts, pass them first.
+            self.begin(&goal, q0, start > usize::from(limited), &mut random);
             starts += 1;
+            if limited && start > 0 {
+                self.bounded = false;
+                let free = self.descend(&goal, &mut iterations);
+                self.bounded = true;
+                free?;
+                self.unwind(model);
+                clip(model, &self.lower, &self.upper, &mut self.q);
+            }
             let end = self.descend(&goal, &mut iterations)?;
             let reached = goal.is_reached(&end.residual);
             // Also true if what was found before is no number.
@@ -276,11 +290,28 @@ impl<T: Real> InverseKinematics<T> {
             at = model.tree().parent(k);
         }
     }
+    /// Whole turns of hinges taken off, to the middle of their limits.
+    fn unwind(&mut self, model: &Model) {
+        for k in (0..model.len()).filter(|&k| self.moving[k]) {
+            let (at, v) = (model.q_offset(k), model.v_offset(k));
+            if let JointKind::Revolute { .. } = model.joints()[k].kind
+                && let (Some(lower), Some(upper)) = (self.lower[v], self.upper[v])
+            {
+                let away = self.q[at].to_f64() - 0.5 * (lower + upper);
+                let turns = (away / std::f64::consts::TAU).round();
+                // 2π of the scalar.
+                let turn = T::splat(8.0) * T::one().atan2(T::one());
+                if turns.is_finite() && turns != 0.0 {
+                    self.q[at] -= turn * T::splat(turns);
+                }
+            }
+        }
+    }
     /// The configuration of a start, within limits: the user's, or a random one of the joints on the path.
-    fn begin(&mut self, goal: &Goal<'_, T>, q0: &[T], start: usize, random: &mut Random) {
+    fn begin(&mut self, goal: &Goal<'_, T>, q0: &[T], anywhere: bool, random: &mut Random) {
         self.q.copy_from_slice(q0);
         goal.model.normalize(&mut self.q);
-        if start > 0 {
+        if anywhere {
             for k in (0..goal.model.len()).filter(|&k| self.moving[k]) {
                 let (range, v) = (goal.model.q_range(k), goal.model.v_offset(k));
                 let kind = goal.model.joints()[k].kind;
@@ -333,7 +364,9 @@ impl<T: Real> InverseKinematics<T> {
                     self.least_squares_step(&e, damping * e.square.to_f64())?
                 };
                 goal.model.integrate_into(&self.q, &self.step, &mut self.trial);
-                clip(goal.model, &self.lower, &self.upper, &mut self.trial);
+                if self.bounded {
+                    clip(goal.model, &self.lower, &self.upper, &mut self.trial);
+                }
                 let next = goal.residual(&self.trial)?;
                 let gain = ((e.square - next.square) / (predicted + predicted)).to_f64();
                 // Below the rounding of |e|² a Newton step still makes the gradient smaller.
@@ -400,7 +433,7 @@ impl<T: Real> InverseKinematics<T> {
             let low = self.lower[v].is_some_and(|x| self.q[at] <= T::splat(x));
             let high = self.upper[v].is_some_and(|x| self.q[at] >= T::splat(x));
             let g = self.gradient[v];
-            self.frozen[v] = low && g > T::zero() || high && g < T::zero();
+            self.frozen[v] = self.bounded && (low && g > T::zero() || high && g < T::zero());
         }
         let matrix = self.pseudo.matrix_mut();
         for i in (0..nv).filter(|&i| self.frozen[i]) {

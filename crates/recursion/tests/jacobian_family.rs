@@ -452,3 +452,52 @@ fn a_seed_is_one_result() {
     let target = body_pose(&layout, &case.model.random_state(5).q, Some(case.body)).unwrap();
     assert_eq!(solve(&case, &target).0, solve(&case, &target).0);
 }
+
+/// Joints with limits of a little more than a turn: what a start within them cannot reach, a turn back can.
+#[test]
+fn limits_of_a_turn_are_no_obstacle() {
+    let model = planar(Some([-3.2, 3.2]));
+    let layout = Layout::<f64>::new(&model);
+    let mut stopped = 0;
+    for seed in 0..200 {
+        let (q, start) = (model.random_state(seed).q, model.random_state(seed + 500).q);
+        let target = body_pose(&layout, &q, Some(2)).unwrap();
+        let options = InverseKinematicsOptions { seed, ..Default::default() };
+        let (found, info) = inverse_kinematics(&model, &layout, 2, &target, &start, options).unwrap();
+        assert!(info.reached, "seed {seed}: {info:?}");
+        assert!(found[1..].iter().all(|x| x.abs() <= 3.2), "seed {seed}: {found:?}");
+        stopped += usize::from(info.starts > 1);
+    }
+    assert!(stopped > 0, "no start was stopped by limits");
+}
+
+/// Wrong lengths are refused by name, what is not finite by value, and a singular hinge by its joint.
+#[test]
+fn hostile_arguments_are_refused() {
+    let case = case(3);
+    let layout = Layout::<f64>::new(&case.model);
+    let (q, body) = (&case.q[..], Some(case.body));
+    let short = operational_space_inertia(&layout, &q[1..], body, None).unwrap_err();
+    assert!(short.to_string().starts_with("`q` has length"), "{short}");
+    let options = PseudoInverseOptions::default();
+    let tip = [Tip { body, point: None }];
+    let short = jacobian_pseudo_inverse(&layout, q, &tip, &[0.0; 5], options).unwrap_err();
+    assert!(short.to_string().starts_with("`x` has length 5"), "{short}");
+    let short = jacobian_gram(&layout, &q[1..], &tip).unwrap_err();
+    assert!(short.to_string().starts_with("`q` has length"), "{short}");
+    let short = linearize(&layout, q, &case.v[1..], &case.tau, None).unwrap_err();
+    assert!(short.to_string().starts_with("`v` has length"), "{short}");
+    let mut hostile = case.q.clone();
+    hostile[0] = f64::NAN;
+    let target = Transform::identity();
+    let options = InverseKinematicsOptions::default();
+    let refused =
+        inverse_kinematics(&case.model, &layout, case.body, &target, &hostile, options).unwrap_err();
+    assert!(refused.to_string().contains("NaN"), "{refused}");
+    // Numbers whose squares overflow end, too.
+    let far = Transform::new(phipsi_spatial::Mat3::identity(), Vec3([1e200, 0.0, 0.0]));
+    let (_, info) = inverse_kinematics(&case.model, &layout, case.body, &far, q, options).unwrap();
+    assert!(!info.reached);
+    let (inertia, info) = operational_space_inertia(&layout, q, None, None).unwrap();
+    assert!(inertia.iter().flatten().all(|x| *x == 0.0) && info.rank == 0);
+}
