@@ -17,7 +17,8 @@ fn main() {
 fn ladder(n: usize) -> Model {
     let rod = |name: &str| Body::new(name, Inertia::from_principal(1.0, [0.5, 0.0, 0.0], [0.01, 0.1, 0.1]));
     let at = |x: f64| Placement::from_xyz_rpy([x, 0.0, 0.0], [0.0; 3]);
-    let hinge = |name: String, x: f64| Joint::new(name, JointKind::Revolute { axis: [0.0, 0.0, 1.0] }).at(at(x));
+    let hinge =
+        |name: String, x: f64| Joint::new(name, JointKind::Revolute { axis: [0.0, 0.0, 1.0] }).at(at(x));
     let mut builder = ModelBuilder::new("ladder");
     let mut base = "world".to_string();
     for i in 0..n {

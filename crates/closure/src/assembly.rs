@@ -86,14 +86,7 @@ impl<T: Real> ClosedDynamics<T> {
     /// δ of the right-hand side that is set.
     fn increment(&mut self) {
         let load = Load { tau: None, prescribed: None, ground: Vec3::zero() };
-        self.solution.run(
-            &self.structure,
-            &self.layout,
-            &self.frames,
-            &self.factors,
-            &load,
-            &mut self.step,
-        );
+        self.solution.run(&self.structure, &self.layout, &self.frames, &self.factors, &load, &mut self.step);
     }
     /// Sets the right-hand side −Φ.
     fn oppose_residual(&mut self) {

@@ -268,8 +268,7 @@ impl Graph<'_> {
             }
         }
         let deepest = depth.iter().fold(0, |most, d| most.max(*d));
-        let mut laid =
-            Laid { tree, place, depth, cost: Cost { nesting: 0, depth: deepest, rows } };
+        let mut laid = Laid { tree, place, depth, cost: Cost { nesting: 0, depth: deepest, rows } };
         let mut open = vec![0usize; self.bodies];
         for cut in (0..self.joints.len()).filter(|&j| !kept[j] && self.is_real(j)) {
             let m = 6usize.saturating_sub(self.joints[cut].freedoms);
@@ -334,7 +333,8 @@ mod tests {
             let graph = Graph { bodies, joints: &joints };
             let mut best: Option<Cost> = None;
             for mask in 0u32..1 << joints.len() {
-                let kept: Vec<bool> = (0..joints.len()).map(|j| mask >> j & 1 == 1 && graph.is_real(j)).collect();
+                let kept: Vec<bool> =
+                    (0..joints.len()).map(|j| mask >> j & 1 == 1 && graph.is_real(j)).collect();
                 let laid = graph.layout(&kept);
                 let whole = laid.tree.iter().all(|t| t.joint.is_some());
                 if whole && kept.iter().filter(|k| **k).count() == bodies {

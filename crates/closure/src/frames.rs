@@ -106,7 +106,13 @@ impl<T: Real> Frames<T> {
         pose
     }
     /// Velocity of an end against the ancestor of its loop, of the end's origin, in its axes.
-    fn twist(&self, structure: &Structure<T>, layout: &Layout<T>, strand: Option<usize>, v: &[T]) -> Motion<T> {
+    fn twist(
+        &self,
+        structure: &Structure<T>,
+        layout: &Layout<T>,
+        strand: Option<usize>,
+        v: &[T],
+    ) -> Motion<T> {
         let mut twist = Motion::zero();
         if let Some(strand) = strand.map(|s| &structure.strands[s]) {
             for i in strand.path..strand.path + strand.bodies {

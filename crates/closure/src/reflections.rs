@@ -243,8 +243,7 @@ mod tests {
             panel.sort_rows(0, 0..columns);
             let (steps, _) = panel.eliminate(0, 0..columns, 0.0, columns);
             assert_eq!(steps, rows.min(columns), "seed {seed}");
-            let record =
-                Record { a: &a, lead, rows, steps, order: &order, beta: &beta, pivots: &pivots };
+            let record = Record { a: &a, lead, rows, steps, order: &order, beta: &beta, pivots: &pivots };
             for c in 0..columns {
                 let at = pivots[..steps].iter().position(|&p| p == c);
                 let mut x: Vec<f64> = (0..rows)

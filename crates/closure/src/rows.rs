@@ -113,7 +113,8 @@ impl<T: Real> Relative<T> {
     pub(crate) fn velocity_terms(&self, inboard: Vec3<T>, c_a: Vec3<T>, c_b: Vec3<T>) -> Motion<T> {
         let outboard = inboard + self.twist.angular;
         let coriolis = inboard.cross(self.twist.linear);
-        let linear = inboard.cross(inboard.cross(c_a)) - outboard.cross(outboard.cross(c_b)) + coriolis + coriolis;
+        let linear =
+            inboard.cross(inboard.cross(c_a)) - outboard.cross(outboard.cross(c_b)) + coriolis + coriolis;
         Motion::new(inboard.cross(self.twist.angular), linear)
     }
 }

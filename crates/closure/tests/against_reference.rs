@@ -1,6 +1,6 @@
 //! Random mechanisms with loops against the dense equations in double-double numbers.
 
-use phipsi_closure::{ClosedDynamics, ClosedInfo, Conditions, ClosureMotion, Prescribed};
+use phipsi_closure::{ClosedDynamics, ClosedInfo, ClosureMotion, Conditions, Prescribed};
 use phipsi_reference::generate::Case;
 use phipsi_reference::loops::{ClosedCase, closed_again, closed_case};
 use phipsi_reference::sensitivity::{sensitivity, widened};
@@ -123,8 +123,7 @@ fn accelerations_and_forces_of_random_mechanisms() {
         let mut held = vec![0.0; n];
         ClosedDynamics::new(&tree.model).unwrap().run(&tree.q, &tree.v, &tree.tau, &none, &mut held).unwrap();
         let free = largest(&held);
-        let unit =
-            growth(&tree) * (closed.case.model.len() + n + rows) as f64 * f64::EPSILON;
+        let unit = growth(&tree) * (closed.case.model.len() + n + rows) as f64 * f64::EPSILON;
         let got = [&got.acceleration, &got.multipliers, &got.force, &got.tau];
         let want = [&want.acceleration, &want.multipliers, &want.force, &want.tau];
         let ratios = |samples: usize| -> [f64; 4] {

@@ -163,11 +163,7 @@ impl Closure {
                 error(format!("{what} {pose:?}"), &required, "correct the number");
             }
             if pose.rotation == [0.0; 4] {
-                error(
-                    format!("the quaternion of {what} is zero"),
-                    "a rotation",
-                    "use (0, 0, 0, 1)",
-                );
+                error(format!("the quaternion of {what} is zero"), "a rotation", "use (0, 0, 0, 1)");
             }
         }
         if let ClosureKind::Distance { length } = self.kind

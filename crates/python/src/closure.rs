@@ -57,7 +57,11 @@ fn placement(object: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Placemen
 fn as_type<'py>(x: Bound<'py, PyAny>, kind: &str) -> PyResult<Py<PyAny>> {
     let py = x.py();
     if let Ok(number) = x.extract::<f64>() {
-        return if kind == "bool" { (number != 0.0).into_py_any(py) } else { (number as i64).into_py_any(py) };
+        return if kind == "bool" {
+            (number != 0.0).into_py_any(py)
+        } else {
+            (number as i64).into_py_any(py)
+        };
     }
     Ok(x.call_method1("astype", (kind,))?.unbind())
 }
@@ -128,7 +132,8 @@ impl Model {
         );
         let out = out.map_err(|e| compiled.failure(py, &batch, e, Names::Velocity("acceleration")))?;
         let states = || out.chunks_exact(nv + MORE);
-        let accelerations = batch.array(py, states().flat_map(|s| s[..nv].iter().copied()).collect(), &[nv])?;
+        let accelerations =
+            batch.array(py, states().flat_map(|s| s[..nv].iter().copied()).collect(), &[nv])?;
         if !info {
             return Ok(accelerations);
         }
@@ -170,7 +175,8 @@ impl Model {
             || template.clone(),
             |work, i, out| Ok(body(work, [q.at(i), v.at(i), tau.at(i)], out)?),
         );
-        let out = out.map_err(|e| compiled.failure(py, &batch, e, Names::Other("a force of the closures")))?;
+        let out =
+            out.map_err(|e| compiled.failure(py, &batch, e, Names::Other("a force of the closures")))?;
         Ok((batch, out))
     }
 }
@@ -286,10 +292,8 @@ impl Model {
         let out = out.map_err(|e| compiled.failure(py, &batch, e, Names::Other("a configuration")))?;
         let states = || out.chunks_exact(nq + 2);
         let column = |j: usize| batch.array(py, states().map(|s| s[nq + j]).collect(), &[]);
-        let info = AssemblyInfo {
-            closure_residual: column(0)?.unbind(),
-            iterations: as_type(column(1)?, "int64")?,
-        };
+        let info =
+            AssemblyInfo { closure_residual: column(0)?.unbind(), iterations: as_type(column(1)?, "int64")? };
         let q = batch.array(py, states().flat_map(|s| s[..nq].iter().copied()).collect(), &[nq])?;
         Ok((q, Py::new(py, info)?))
     }

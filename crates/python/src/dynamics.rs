@@ -131,7 +131,12 @@ impl Model {
         let compiled = self.compiled();
         if compiled.has_loops() {
             if !matches!(form, Form::Auto | Form::Plain) {
-                return Err(choice_error(py, "form", form.name(), &[Form::Auto, Form::Plain].map(Form::name)));
+                return Err(choice_error(
+                    py,
+                    "form",
+                    form.name(),
+                    &[Form::Auto, Form::Plain].map(Form::name),
+                ));
             }
             return self.closed_forward_dynamics(py, &compiled, [q, v, tau], wrenches, info);
         }

@@ -103,7 +103,8 @@ pub fn closure_rates<T: Real>(model: &Model, q: &[T], v: &[T], a: &[T]) -> Vec<[
 
 /// For every row, whether it is an angle.
 pub fn angular_rows(model: &Model) -> Vec<bool> {
-    let closures = model.closures().iter().flat_map(|c| (0..c.kind.rows()).map(|i| i < c.kind.angular_rows()));
+    let closures =
+        model.closures().iter().flat_map(|c| (0..c.kind.rows()).map(|i| i < c.kind.angular_rows()));
     let couplings = model.couplings().iter().map(|c| {
         let k = model.find_joint(&c.joint).expect("a joint");
         model.joints()[k].kind.is_rotation(0)
@@ -249,7 +250,8 @@ pub fn closed_dynamics<T: Real>(
     let solve = |rhs: &[T]| -> Vec<T> {
         let mut x = vec![o; m];
         for t in (0..rank).rev() {
-            let sum = (t + 1..rank).fold(rhs[t], |s, u| s - dot(&basis[t], &columns[pivots[u]]) * x[pivots[u]]);
+            let sum =
+                (t + 1..rank).fold(rhs[t], |s, u| s - dot(&basis[t], &columns[pivots[u]]) * x[pivots[u]]);
             x[pivots[t]] = sum / dot(&basis[t], &columns[pivots[t]]);
         }
         x
