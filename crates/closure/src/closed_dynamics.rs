@@ -391,8 +391,9 @@ impl<T: Real> Solved<'_, T> {
     pub fn redundant(&self) -> &[Redundant] {
         &self.dynamics.factors.redundant
     }
-    /// Multipliers of least norm (moments divided by [`ClosedDynamics::length`]): the force of each closure on the body of its
-    /// frame B, in the axes of frame A, at the origin of B; its rows in the order of the kind. `out`: rows.
+    /// Multipliers: the force of each closure on the body of its frame B, in the axes of frame A, at the origin of B; its rows in
+    /// the order of the kind, N·m of angular ones and N. Of least norm, moments counted divided by [`ClosedDynamics::length`],
+    /// where rows are redundant. `out`: rows.
     ///
     /// With redundant rows only their sum is determined, and single ones may be large near singular positions; the
     /// [generalised force](Self::generalized_constraint_force) is unique.

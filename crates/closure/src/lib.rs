@@ -15,13 +15,13 @@ pub mod assembly;
 pub mod closed_dynamics;
 pub mod cut_joints;
 pub mod error;
-pub mod factors;
+mod factors;
 mod frames;
 mod number;
 pub mod projection;
 mod reflections;
 mod rows;
-pub mod solution;
+mod solution;
 mod structure;
 
 pub use assembly::{PositionProjection, VelocityProjection};

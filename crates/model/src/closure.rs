@@ -220,7 +220,7 @@ mod tests {
         let errors = pendulum().closure(twice.clone()).closure(twice.clone()).build().unwrap_err();
         assert!(errors.0[0].found.contains("name given twice"), "{errors}");
         let model = pendulum().build().unwrap().with_closure(twice.clone()).unwrap();
-        assert_eq!(model.closures(), [twice.clone()]);
+        assert_eq!(model.closures(), std::slice::from_ref(&twice));
         assert!(model.clone().with_closure(twice).is_err());
         assert!(model.without_closures().closures().is_empty());
     }
