@@ -28,9 +28,12 @@ use phipsi_topology::{Innovations, Operator, OperatorError, Space, Tree};
 use std::sync::Arc;
 
 mod derivatives;
+mod estimation;
 mod sensitivity;
+mod vertical_sweeps;
 
 pub use derivatives::DynamicsDerivatives;
+pub use estimation::{FieldSample, Filtered, RandomField, Smoothed};
 pub use sensitivity::Sensitivity;
 
 /// The spatial operators of a model at a configuration, named as in the papers.
@@ -307,6 +310,10 @@ impl<T: Real> Operators<T> {
             }
         }
         Operator::pick_off("B", self.state_space(), nodes, blocks)
+    }
+    /// The blocks of one of the diagonal operators.
+    fn own_blocks(a: &Operator<T>) -> Vec<DMatrix<T>> {
+        a.diagonal_blocks().unwrap_or_else(|error| unreachable!("one block a body: {error}"))
     }
     /// Blocks of a diagonal operator of these bodies.
     fn diagonal(

@@ -304,6 +304,26 @@ impl<T: Real> Operator<T> {
         }
         Ok(block)
     }
+    /// The blocks of an operator that is one block a node, or a product or sum that gives one. Cost O(n).
+    ///
+    /// # Errors
+    /// [`OperatorError::NotDiagonal`] if it is something else; [`OperatorError::Spaces`] of an expression whose spaces do not
+    /// fit.
+    pub fn diagonal_blocks(&self) -> Result<Vec<DMatrix<T>>, OperatorError> {
+        self.check()?;
+        let not = || OperatorError::NotDiagonal { expression: self.to_string() };
+        band::Band::of(self).and_then(band::Band::into_diagonal).ok_or_else(not)
+    }
+    /// The blocks, by child, of an operator that is one block an edge, or a product or sum that gives one; empty at roots.
+    /// Cost O(n).
+    ///
+    /// # Errors
+    /// [`OperatorError::NotEdges`] if it is something else; [`OperatorError::Spaces`] of an expression whose spaces do not fit.
+    pub fn edge_blocks(&self) -> Result<Vec<DMatrix<T>>, OperatorError> {
+        self.check()?;
+        let not = || OperatorError::NotEdges { expression: self.to_string() };
+        band::Band::of(self).and_then(band::Band::into_edges).map(|edges| edges.blocks).ok_or_else(not)
+    }
     /// The factors, of which a single operator is one.
     fn factors(&self) -> &[Self] {
         match &self.node {

@@ -140,7 +140,7 @@ pub fn header(what: &str) {
     println!("  threads    {threads}, {parallel}\n");
 }
 
-fn processor() -> String {
+pub fn processor() -> String {
     let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let line = text.lines().find(|line| line.starts_with("model name"));
     let name = line.and_then(|line| line.split_once(':')).map_or("unknown", |(_, name)| name.trim());

@@ -55,10 +55,10 @@ struct Nominal<T> {
 
 impl<T: Real> Operators<T> {
     /// A x for an operator of this model and a vector that fits it.
-    fn image(a: &Operator<T>, x: &[T]) -> Vec<T> {
+    pub(super) fn image(a: &Operator<T>, x: &[T]) -> Vec<T> {
         a.apply(x).unwrap_or_else(|error| unreachable!("operators of one model fit: {error}"))
     }
-    fn check_joint_vector(&self, argument: &'static str, x: &[T]) -> Result<(), DynamicsError> {
+    pub(super) fn check_joint_vector(&self, argument: &'static str, x: &[T]) -> Result<(), DynamicsError> {
         check_length(argument, x, self.joint_space().dimension())
     }
     /// The velocity of the turning axis of joint k: Ḣ* v.

@@ -104,7 +104,9 @@ impl<T: Real> Operators<T> {
         let zero = |rows: usize, columns: usize| DMatrix::from_element(rows, columns, T::zero());
         let state = self.state_space();
         let n = self.bodies.len();
-        let dense = |a: &Operator<T>, k: usize| a.block(k, k);
+        let own = Self::own_blocks;
+        let (all_P, all_D_inverse, all_G) = (own(&self.P), own(&self.D_inverse), own(&self.G));
+        let (all_H, all_R) = (own(&self.H), own(&self.R));
 
         // Blocks along the path; everything else is zero.
         let shift = |k: usize| super::shift(&self.poses[k]);
@@ -120,16 +122,16 @@ impl<T: Real> Operators<T> {
         let mut G_rate: Vec<DMatrix<T>> = (0..n).map(|k| zero(6, joint.size(k))).collect();
         let mut R_rate = P_rate.clone();
         for k in self.tree.path_to_root(moved) {
-            let (P, D_inverse, G) = (dense(&self.P, k)?, dense(&self.D_inverse, k)?, dense(&self.G, k)?);
-            let (H, rate, R) = (dense(&self.H, k)?, H_rate(k), dense(&self.R, k)?);
-            let U = &P * H.transpose();
-            let U_rate = &P_rate[k] * H.transpose() + &P * rate.transpose();
-            let D_rate = &rate * &U + &H * &U_rate;
-            G_rate[k] = (&U_rate - &G * &D_rate) * &D_inverse;
+            let (P, D_inverse, G) = (&all_P[k], &all_D_inverse[k], &all_G[k]);
+            let (H, rate, R) = (&all_H[k], H_rate(k), &all_R[k]);
+            let U = P * H.transpose();
+            let U_rate = &P_rate[k] * H.transpose() + P * rate.transpose();
+            let D_rate = &rate * &U + H * &U_rate;
+            G_rate[k] = (&U_rate - G * &D_rate) * D_inverse;
             let Some(p) = self.tree.parent(k) else { break };
-            let through = &P - &G * U.transpose();
+            let through = P - G * U.transpose();
             let cross = &U_rate * G.transpose();
-            let through_rate = &P_rate[k] - &cross - cross.transpose() + &G * &D_rate * G.transpose();
+            let through_rate = &P_rate[k] - &cross - cross.transpose() + G * &D_rate * G.transpose();
             let E = shift(k);
             let add = |into: &mut DMatrix<T>, whole: &DMatrix<T>, rate: &DMatrix<T>| {
                 *into += &E * rate * E.transpose();
@@ -140,7 +142,7 @@ impl<T: Real> Operators<T> {
             };
             add(&mut P_rate[p], &through, &through_rate);
             let inner = R_rate[k].clone();
-            add(&mut R_rate[p], &R, &inner);
+            add(&mut R_rate[p], R, &inner);
         }
 
         let edge = |k: usize| if k == moved { shift(k) * cross_wrench(S) } else { zero(6, 6) };
@@ -197,15 +199,16 @@ impl<T: Real> Operators<T> {
 
     /// Υ̇(k) = ψ̇* Υ ψ + ψ* Υ̇ ψ + ψ* Υ ψ̇ + Ṅ(k), base to tip.
     fn upsilon_rate(&self, E_psi: &Operator<T>, source: &Operator<T>) -> Result<Operator<T>, OperatorError> {
-        let mut rates: Vec<DMatrix<T>> = Vec::with_capacity(self.bodies.len());
+        let mut rates = source.diagonal_blocks()?;
+        let (edges, turned, upsilon) =
+            (self.E_psi.edge_blocks()?, E_psi.edge_blocks()?, Self::own_blocks(&self.upsilon));
         for k in 0..self.bodies.len() {
-            let mut rate = source.block(k, k)?;
             if let Some(p) = self.tree.parent(k) {
-                let (edge, turned) = (self.E_psi.block(p, k)?, E_psi.block(p, k)?);
-                let cross = turned.transpose() * self.upsilon.block(p, p)? * &edge;
-                rate += &cross + cross.transpose() + edge.transpose() * &rates[p] * &edge;
+                let edge = &edges[k];
+                let cross = turned[k].transpose() * &upsilon[p] * edge;
+                let moved = &cross + cross.transpose() + edge.transpose() * &rates[p] * edge;
+                rates[k] += moved;
             }
-            rates.push(rate);
         }
         let state = self.state_space();
         Ok(self.diagonal("Υ̇", state, state, |k| rates[k].clone()))
