@@ -20,7 +20,7 @@ impl Model {
         q
     }
     /// A reproducible random state: angles and lengths in [−1, 1] (within the limits where there are), uniform
-    /// orientations, modal coordinates in [−0.1, 0.1], velocities in [−1, 1].
+    /// orientations, modal coordinates in [−0.01, 0.01], velocities in [−1, 1].
     pub fn random_state(&self, seed: u64) -> State {
         let mut random = Random::new(seed);
         let mut q: Vec<f64> = vec![0.0; self.nq()];
@@ -48,7 +48,7 @@ impl Model {
             }
         }
         for q in &mut q[self.joint_nq()..] {
-            *q = 0.1 * random.signed();
+            *q = 0.01 * random.signed();
         }
         let v = (0..self.nv()).map(|_| random.signed()).collect();
         State { q, v, t: 0.0 }
