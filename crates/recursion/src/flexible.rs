@@ -13,7 +13,7 @@
 //! generalised forces are the last entries of τ: an actuator's on the modes; strain and damping act by themselves.
 //!
 //! A model without modes runs on the rigid kernels, unchanged; an algorithm that knows no modes refuses them with
-//! [`DynamicsError::Flexible`]. Frames of a flexible body are its floating frame F; wrenches on it act at F, those on its nodes
+//! [`Flexible`](crate::DynamicsError::Flexible). Frames of a flexible body are its floating frame F; wrenches on it act at F, those on its nodes
 //! are wrenches on a (massless) body on a fixed joint there.
 
 mod body;

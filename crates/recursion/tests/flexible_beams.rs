@@ -72,10 +72,13 @@ fn about(error: f64, table: f64) -> bool {
     error > 0.5 * table && error < 2.0 * table
 }
 
+/// Joint spring, tip mass, frequencies, errors of both families.
+type Row<'a> = (f64, f64, &'a [f64], [f64; 3], [f64; 3]);
+
 #[test]
 fn frequencies_of_a_two_link_arm() {
     // kh, mt; ω; errors of the first (flexible) frequency with 2, 4, 8 modes of both families.
-    let table: [(f64, f64, &[f64], [f64; 3], [f64; 3]); 3] = [
+    let table: [Row<'_>; 3] = [
         (
             5.0,
             0.0,
