@@ -1,6 +1,6 @@
 //! Mechanisms with known answers: redundant closures, singular positions, many loops.
 
-use phipsi_closure::{ClosedDynamics, ClosedInfo, ClosureError, Conditions};
+use phipsi_closure::{ClosedDynamics, ClosedInfo, ClosureError, ClosureMotion, Conditions, Prescribed};
 use phipsi_model::{
     Body, Closure, ClosureKind, Coupling, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random,
 };
@@ -307,20 +307,24 @@ fn a_ball_out_of_reach_is_not_closed() {
     }
 }
 
-#[test]
-fn a_gear_turns_two_wheels_as_one() {
+/// Two wheels of which the small one turns three times as fast, the other way.
+fn gear() -> Model {
     let wheel = |inertia: f64| Inertia::from_principal(1.0, [0.0; 3], [0.1, 0.1, inertia]);
     let z = [0.0, 0.0, 1.0];
     let gear = Coupling { joint: "b".into(), source: "a".into(), multiplier: -3.0, offset: 0.25 };
-    let model = ModelBuilder::new("gear")
+    ModelBuilder::new("gear")
         .body(Body::new("large", wheel(2.0)))
         .body(Body::new("small", wheel(0.5)))
         .joint(hinge("a", z, at(0.0, 0.0, 0.0)), "world", "large")
         .joint(hinge("b", z, at(1.0, 0.0, 0.0)), "world", "small")
         .coupling(gear)
         .build()
-        .unwrap();
-    let mut dynamics = ClosedDynamics::<f64>::new(&model).unwrap();
+        .unwrap()
+}
+
+#[test]
+fn a_gear_turns_two_wheels_as_one() {
+    let mut dynamics = ClosedDynamics::<f64>::new(&gear()).unwrap();
     let (mut a, mut lambda, mut q) = ([0.0; 2], [0.0; 1], [0.1, -0.05]);
     let mut solved = dynamics.run(&q, &[1.0, -3.0], &[1.0, 0.5], &Conditions::default(), &mut a).unwrap();
     solved.closure_forces(&mut lambda).unwrap();
@@ -332,4 +336,50 @@ fn a_gear_turns_two_wheels_as_one() {
     q[1] = 0.7;
     dynamics.assemble(&mut q, &Conditions::default()).unwrap();
     assert!((q[1] + 3.0 * q[0] - 0.25).abs() < 1e-14, "{q:?}");
+}
+
+/// A moving closure: the gear's row follows γ, γ̇ and γ̈.
+#[test]
+fn a_gear_is_driven() {
+    let mut dynamics = ClosedDynamics::<f64>::new(&gear()).unwrap();
+    let motion = ClosureMotion { position: &[0.1], velocity: &[0.2], acceleration: &[0.3] };
+    let conditions = Conditions { motion: Some(motion), ..Conditions::default() };
+    let (mut q, mut v, mut a) = ([0.0; 2], [1.0, 1.0], [0.0; 2]);
+    dynamics.project_position(&mut q, &conditions).unwrap();
+    assert!((q[1] + 3.0 * q[0] - 0.25 - 0.1).abs() < 1e-15, "{q:?}");
+    let done = dynamics.project_velocity(&q, &mut v, &conditions).unwrap();
+    // The row was off by 3.8, rounded a few times.
+    let unit = 8.0 * 3.8 * f64::EPSILON;
+    assert!((v[1] + 3.0 * v[0] - 0.2).abs() < unit, "{v:?}");
+    // Least kinetic energy: 2 δ_a : 0.5 δ_b as −3 : −1 of the row, which was off by 3.8.
+    let lambda = 3.8 / (9.0 / 2.0 + 1.0 / 0.5);
+    assert!((v[0] - (1.0 - 1.5 * lambda)).abs() < unit, "{v:?}");
+    assert!((done.energy_removed - 0.5 * 3.8 * lambda).abs() < 1e-14, "{done:?}");
+    dynamics.run(&q, &v, &[0.0; 2], &conditions, &mut a).unwrap();
+    assert!((a[1] + 3.0 * a[0] - 0.3).abs() < unit, "{a:?}");
+}
+
+/// Prescribed motions that the gear does not allow are told, those that it allows are not.
+#[test]
+fn contradictions_are_told() {
+    let mut dynamics = ClosedDynamics::<f64>::new(&gear()).unwrap();
+    for (acceleration, contradicts) in [([1.0, -3.0], false), ([1.0, 1.0], true)] {
+        let prescribed = Prescribed { active: &[true, true], acceleration: &acceleration };
+        let conditions = Conditions { prescribed: Some(prescribed), ..Conditions::default() };
+        let (q, v) = ([0.1, -0.05], [1.0, -3.0]);
+        let mut a = [0.0; 2];
+        let info = dynamics.run(&q, &v, &[0.0; 2], &conditions, &mut a).unwrap().info();
+        assert_eq!((a, info.rank), (acceleration, 0));
+        assert_eq!(info.inconsistency.is_some(), contradicts, "{info:?}");
+    }
+}
+
+/// The sweeps of trees refuse what they would not close.
+#[test]
+fn trees_refuse_loops() {
+    let model = four_bars(1);
+    let layout = phipsi_recursion::Layout::<f64>::new(&model);
+    let zero = vec![0.0; model.nv()];
+    let error = phipsi_recursion::forward_dynamics(&layout, &zero, &zero, &zero, None).unwrap_err();
+    assert!(error.to_string().contains("closure `pin0` closes a loop"), "{error}");
 }
