@@ -1,5 +1,6 @@
 //! What pushes the mechanism: the trait `Force`, what it may look at, and where it adds.
 
+use crate::wide::{WideLoads, WideSituation};
 use phipsi_model::Model;
 use phipsi_recursion::{Kinematics, Layout};
 use phipsi_spatial::{Motion, Transform, Wrench};
@@ -122,6 +123,10 @@ pub trait Force: Send {
     /// between two bodies).
     fn is_external(&self, _model: &Model) -> bool {
         true
+    }
+    /// The same as [`Force::add`] in double-double numbers, for references; false where it cannot, or depends on time.
+    fn add_wide(&self, _at: &WideSituation<'_>, _loads: &mut WideLoads<'_>) -> bool {
+        false
     }
     /// Times at which it is not smooth: steps end there.
     fn breaks(&self) -> Vec<f64> {

@@ -14,6 +14,7 @@ pub mod molecule;
 pub mod output;
 pub mod page;
 pub mod record;
+pub mod report;
 pub mod run;
 pub mod run_page;
 pub mod scene;

@@ -57,6 +57,8 @@ pub struct Scene {
     pub files: Vec<SceneFile>,
     /// Wall time between checkpoints, s.
     pub checkpoint_s: f64,
+    /// Keys of `[integrator]` that the scene and its overrides have.
+    pub integrator_keys: Vec<String>,
     /// Report on the scene, then on each file.
     pub reports: Vec<Report>,
 }
@@ -115,9 +117,9 @@ pub fn parse(
 ) -> Result<Scene, SimulateError> {
     let mut report = Report::new(source);
     let read = read(&text, name, folder, overrides, &mut report);
-    let (simulation, files, checkpoint_s, mut reports) = match read {
-        Ok((simulation, files, checkpoint_s, reports)) if report.errors.is_empty() => {
-            (simulation, files, checkpoint_s, reports)
+    let (simulation, files, (checkpoint_s, integrator_keys), mut reports) = match read {
+        Ok((simulation, files, rest, reports)) if report.errors.is_empty() => {
+            (simulation, files, rest, reports)
         }
         Ok((.., mut reports)) | Err(mut reports) => {
             reports.insert(0, report);
@@ -125,10 +127,11 @@ pub fn parse(
         }
     };
     reports.insert(0, report);
-    Ok(Scene { simulation, text, overrides: overrides.to_vec(), files, checkpoint_s, reports })
+    let overrides = overrides.to_vec();
+    Ok(Scene { simulation, text, overrides, files, checkpoint_s, integrator_keys, reports })
 }
 
-type Read = (Simulation, Vec<SceneFile>, f64, Vec<Report>);
+type Read = (Simulation, Vec<SceneFile>, (f64, Vec<String>), Vec<Report>);
 
 fn read(
     text: &str,
@@ -219,5 +222,5 @@ fn read(
     simulation.outputs = outputs;
     simulation.known = known;
     simulation.known_source = known_source;
-    Ok((simulation, files, checkpoint_s, reports))
+    Ok((simulation, files, (checkpoint_s, settings.keys), reports))
 }

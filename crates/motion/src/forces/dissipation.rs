@@ -1,7 +1,9 @@
 //! Damping and dry friction of the model's joints (URDF `dynamics`).
 
 use crate::force::{Force, ForceError, Loads, Situation, acts_on_base};
+use crate::wide::{WideLoads, WideSituation};
 use phipsi_model::Model;
+use phipsi_spatial::Dd;
 
 /// τ = −c v − f tanh(v/s) at every degree of freedom of the joints that have damping c or friction f.
 ///
@@ -53,6 +55,12 @@ pub fn passive_forces(model: &Model, v: &[f64]) -> Vec<f64> {
 impl Force for JointDissipation {
     fn name(&self) -> &str {
         "joint damping and friction"
+    }
+    fn add_wide(&self, at: &WideSituation<'_>, loads: &mut WideLoads<'_>) -> bool {
+        for &(i, damping, _) in &self.terms {
+            loads.tau[i] -= Dd::from_f64(damping) * at.v[i];
+        }
+        !self.has_friction()
     }
     fn is_external(&self, model: &Model) -> bool {
         self.terms.iter().any(|t| acts_on_base(model, t.0))

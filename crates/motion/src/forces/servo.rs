@@ -2,7 +2,9 @@
 
 use crate::force::{Force, ForceError, Loads, Situation, acts_on_base};
 use crate::signal::Signal;
+use crate::wide::{WideLoads, WideSituation};
 use phipsi_model::Model;
+use phipsi_spatial::Dd;
 
 /// τ = k_p (target − q) + k_d (target rate − v) + k_i ∫(target − q) dt, cut off at ± limit.
 #[derive(Clone, Debug)]
@@ -50,6 +52,15 @@ impl Force for Servo {
     }
     fn is_external(&self, model: &Model) -> bool {
         acts_on_base(model, self.dof)
+    }
+    fn add_wide(&self, at: &WideSituation<'_>, loads: &mut WideLoads<'_>) -> bool {
+        let Signal::Constant(target) = self.target else { return false };
+        if self.integral != 0.0 || self.limit.is_finite() {
+            return false;
+        }
+        let [k, c, target] = [self.stiffness, self.damping, target].map(Dd::from_f64);
+        loads.tau[self.dof] += k * (target - at.q[self.coordinate]) - c * at.v[self.dof];
+        true
     }
     fn breaks(&self) -> Vec<f64> {
         self.target.breaks()

@@ -1,8 +1,9 @@
 //! Springs and dampers at joints and between points of bodies.
 
 use crate::force::{Force, ForceError, Loads, Needs, Situation, acts_on_base};
+use crate::wide::{WideLoads, WideSituation};
 use phipsi_model::Model;
-use phipsi_spatial::{Vec3, Wrench};
+use phipsi_spatial::{Dd, Vec3, Wrench};
 
 /// τ = −k (q − q₀) − c v at a one-axis degree of freedom.
 #[derive(Clone, Debug)]
@@ -42,6 +43,11 @@ impl Force for JointSpring {
     }
     fn is_external(&self, model: &Model) -> bool {
         acts_on_base(model, self.dof)
+    }
+    fn add_wide(&self, at: &WideSituation<'_>, loads: &mut WideLoads<'_>) -> bool {
+        let [k, c, rest] = [self.stiffness, self.damping, self.rest].map(Dd::from_f64);
+        loads.tau[self.dof] -= k * (at.q[self.coordinate] - rest) + c * at.v[self.dof];
+        true
     }
     fn potential(&self, at: &Situation<'_>) -> f64 {
         let x = at.q[self.coordinate] - self.rest;
@@ -114,6 +120,29 @@ impl Force for PointSpring {
     }
     fn is_external(&self, _: &Model) -> bool {
         self.bodies.contains(&None)
+    }
+    fn add_wide(&self, at: &WideSituation<'_>, loads: &mut WideLoads<'_>) -> bool {
+        let points = self.points.map(|p| Vec3(p.0.map(Dd::from_f64)));
+        let [k, c, rest] = [self.stiffness, self.damping, self.rest_length].map(Dd::from_f64);
+        let [a, b] = [0, 1].map(|i| at.pose(self.bodies[i]).point(points[i]));
+        let line = b - a;
+        let length = line.norm();
+        if length == Dd::from_f64(0.0) {
+            return self.rest_length == 0.0 && self.damping == 0.0;
+        }
+        let direction = line.scale(Dd::from_f64(1.0) / length);
+        let [a, b] = [0, 1].map(|i| {
+            let v = at.velocity(self.bodies[i]);
+            at.pose(self.bodies[i]).rotation * (v.linear + v.angular.cross(points[i]))
+        });
+        let pull = k * (length - rest) + c * (b - a).dot(direction);
+        for (i, pull) in [(0, pull), (1, -pull)] {
+            if let Some(body) = self.bodies[i] {
+                let force = at.pose(self.bodies[i]).rotation.transpose_mul(direction.scale(pull));
+                loads.wrenches[body] += Wrench::new(points[i].cross(force), force);
+            }
+        }
+        true
     }
     fn potential(&self, at: &Situation<'_>) -> f64 {
         let x = self.line(at).1 - self.rest_length;

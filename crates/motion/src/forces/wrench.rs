@@ -2,7 +2,8 @@
 
 use crate::force::{Force, ForceError, Loads, Needs, Situation};
 use crate::signal::Signal;
-use phipsi_spatial::{Vec3, Wrench};
+use crate::wide::{WideLoads, WideSituation};
+use phipsi_spatial::{Dd, Vec3, Wrench};
 
 /// The axes in which a wrench is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,6 +52,21 @@ impl Force for BodyWrench {
         wrench.moment += self.point.cross(wrench.force);
         loads.wrenches[self.body] += wrench;
         Ok(())
+    }
+    fn add_wide(&self, at: &WideSituation<'_>, loads: &mut WideLoads<'_>) -> bool {
+        let mut six = [0.0; 6];
+        for (value, signal) in six.iter_mut().zip(&self.components) {
+            let Signal::Constant(x) = signal else { return false };
+            *value = *x;
+        }
+        let mut wrench = Wrench::from_array(six.map(Dd::from_f64));
+        if self.axes == WrenchAxes::World {
+            let r = at.pose(Some(self.body)).rotation;
+            wrench = Wrench::new(r.transpose_mul(wrench.moment), r.transpose_mul(wrench.force));
+        }
+        wrench.moment += Vec3(self.point.0.map(Dd::from_f64)).cross(wrench.force);
+        loads.wrenches[self.body] += wrench;
+        true
     }
     fn breaks(&self) -> Vec<f64> {
         self.components.iter().flat_map(Signal::breaks).collect()

@@ -15,6 +15,8 @@ pub(crate) struct IntegratorSettings {
     pub(crate) t_end: f64,
     pub(crate) estimate: bool,
     pub(crate) form: Form,
+    /// The keys that are there.
+    pub(crate) keys: Vec<String>,
 }
 
 /// Start: a given state with the joints that `[initial]` names.
@@ -116,6 +118,7 @@ pub(crate) fn integrator(
     let what = if molecule { "the end of the simulation, ps" } else { "the end of the simulation, s" };
     scene.required("integrator", report, "a table with t_end")?;
     let mut table = scene.table("integrator", report)?;
+    let keys = table.rest().map(|e| e.key.clone()).collect();
     table.required("t_end", report, what);
     let t_end = table.positive("t_end", false, report);
     let words = ["auto", "dop853", "tsit5", "rk4", "midpoint"];
@@ -200,7 +203,7 @@ pub(crate) fn integrator(
     }
     table.finish(report);
     let form = asked.unwrap_or_default();
-    Some(IntegratorSettings { choice, tolerances, t_end: t_end?, estimate, form })
+    Some(IntegratorSettings { choice, tolerances, t_end: t_end?, estimate, form, keys })
 }
 
 /// Most samples of a run.
