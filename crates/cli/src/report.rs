@@ -95,7 +95,8 @@ impl ReportWatcher for Shown {
         }
         let bar = self.bar.get_or_insert_with(|| {
             let bar = ProgressBar::with_draw_target(Some(1000), ProgressDrawTarget::stderr_with_hz(8));
-            let style = ProgressStyle::with_template("[{bar:30}] {percent:>3} % of the budget  {elapsed}  {msg}");
+            let style =
+                ProgressStyle::with_template("[{bar:30}] {percent:>3} % of the budget  {elapsed}  {msg}");
             if let Ok(style) = style {
                 bar.set_style(style.progress_chars("=> "));
             }

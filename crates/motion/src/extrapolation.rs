@@ -147,7 +147,9 @@ impl<T: Real> Extrapolation<T> {
                 }
             };
             let factor = match error {
-                e if e.is_finite() => (0.8 * e.max(1e-30).powf(-1.0 / (2 * COLUMNS - 1) as f64)).clamp(0.2, 3.0),
+                e if e.is_finite() => {
+                    (0.8 * e.max(1e-30).powf(-1.0 / (2 * COLUMNS - 1) as f64)).clamp(0.2, 3.0)
+                }
                 _ => 0.25,
             };
             if error <= 1.0 {
@@ -175,7 +177,8 @@ impl<T: Real> Extrapolation<T> {
             // Row j of the table replaces row j − 1 in place: T_{j,k} from T_{j,k−1} and T_{j−1,k−1}.
             let [_, new, _] = &mut self.z;
             for k in 0..j {
-                let divisor = T::splat(((j + 1) * (j + 1)) as f64) / T::splat(((j - k) * (j - k)) as f64) - T::one();
+                let divisor =
+                    T::splat(((j + 1) * (j + 1)) as f64) / T::splat(((j - k) * (j - k)) as f64) - T::one();
                 for (new, old) in new.iter_mut().zip(&mut self.table[k]) {
                     let better = *new + (*new - *old) / divisor;
                     *old = *new;
@@ -274,7 +277,8 @@ mod tests {
             let v = lift(&state.v);
             let mut rate = vec![Dd::from_f64(0.0); model.nq()];
             coordinate_rate(&model, &q, &v, &mut rate);
-            let at = |h: f64| model.integrate(&q, &v.iter().map(|v| *v * Dd::from_f64(h)).collect::<Vec<Dd>>());
+            let at =
+                |h: f64| model.integrate(&q, &v.iter().map(|v| *v * Dd::from_f64(h)).collect::<Vec<Dd>>());
             let (plus, minus) = (at(1e-10), at(-1e-10));
             for i in 0..model.nq() {
                 let difference = (plus[i] - minus[i]) / Dd::from_f64(2e-10);

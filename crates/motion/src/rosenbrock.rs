@@ -178,7 +178,8 @@ impl RosenbrockStep {
             let range = model.v_range(k);
             for i in 0..nv {
                 for j in range.clone() {
-                    let sum: f64 = range.clone().map(|m| self.a_q[i * nv + m] * self.inverse[m * nv + j]).sum();
+                    let sum: f64 =
+                        range.clone().map(|m| self.a_q[i * nv + m] * self.inverse[m * nv + j]).sum();
                     s[i * nv + j] -= sum;
                 }
             }
@@ -302,8 +303,7 @@ impl RosenbrockStep {
             let bend = self.tableau.h.iter().rev().fold(0.0, |sum, weights| {
                 sum * theta + self.u.iter().zip(*weights).map(|(u, w)| w * u[i]).sum::<f64>()
             });
-            self.y[i] =
-                (1.0 - theta) * self.start[i] + theta * (self.end[i] + (1.0 - theta) * bend);
+            self.y[i] = (1.0 - theta) * self.start[i] + theta * (self.end[i] + (1.0 - theta) * bend);
         }
         system.model().integrate_into(&self.q, &self.y[..nv], q);
         v.copy_from_slice(&self.y[nv..2 * nv]);
@@ -401,7 +401,8 @@ impl Lu {
         }
         self.scratch.copy_from_slice(x);
         for i in 0..n {
-            let known: f64 = self.entries[i * n..i * n + i].iter().zip(&self.scratch).map(|(a, b)| a * b).sum();
+            let known: f64 =
+                self.entries[i * n..i * n + i].iter().zip(&self.scratch).map(|(a, b)| a * b).sum();
             self.scratch[i] -= known;
         }
         for i in (0..n).rev() {

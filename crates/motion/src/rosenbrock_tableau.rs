@@ -51,8 +51,22 @@ pub const RODAS4: RosenbrockTableau = RosenbrockTableau {
     c: &[0.0, 0.386, 0.21, 0.63, 1.0, 1.0],
     d: &[0.25, -0.1043, 0.1035, -0.03620000000000023, 0.0, 0.0],
     h: &[
-        &[10.12623508344586, -7.487995877610167, -34.80091861555747, -7.992771707568823, 1.025137723295662, 0.0],
-        &[-0.6762803392806898, 6.087714651680015, 16.43084320892478, 24.76722511418386, -6.594389125716872, 0.0],
+        &[
+            10.12623508344586,
+            -7.487995877610167,
+            -34.80091861555747,
+            -7.992771707568823,
+            1.025137723295662,
+            0.0,
+        ],
+        &[
+            -0.6762803392806898,
+            6.087714651680015,
+            16.43084320892478,
+            24.76722511418386,
+            -6.594389125716872,
+            0.0,
+        ],
     ],
 };
 
@@ -225,9 +239,12 @@ mod tests {
                     assert!(error < 1e-11, "condition {i} of order {order}: {error:e}");
                 }
             }
-            // The method has no higher order: the last conditions fail for Rodas4.
-            let value: f64 = b.iter().zip(&conditions[8].1).map(|(b, p)| b * p).sum();
-            assert_eq!((value - 0.2).abs() < 1e-11, t.order == 5, "{value}");
+            // Not all conditions of order 5 hold for a method of order 4.
+            let all = conditions.iter().all(|(_, phi, density)| {
+                let value: f64 = b.iter().zip(phi).map(|(b, p)| b * p).sum();
+                (value - 1.0 / density).abs() < 1e-6
+            });
+            assert_eq!(all, t.order == 5);
         }
     }
 }

@@ -237,7 +237,11 @@ impl Frame {
             }
         }
         // Strokes of length 0 with round ends are dots.
-        let _ = write!(out, r#"<path {} fill="none" stroke-width="5" stroke-linecap="round" d="{d}"/>"#, stroke(i));
+        let _ = write!(
+            out,
+            r#"<path {} fill="none" stroke-width="5" stroke-linecap="round" d="{d}"/>"#,
+            stroke(i)
+        );
     }
 
     /// Numbers of the curves at their ends, moved apart where they would overlap.

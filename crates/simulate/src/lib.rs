@@ -19,6 +19,7 @@ pub mod run;
 pub mod run_page;
 pub mod scene;
 pub mod simulation;
+pub mod stiffness;
 
 pub use error::SimulateError;
 pub use output::{Output, Quantity};

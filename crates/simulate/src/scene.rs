@@ -11,7 +11,7 @@
 //! | `[[joint]]` | `name`, `type`, `parent`, `child`, `origin` = { `xyz`, `rpy` }, `axis`, `axis2`, `pitch`, `limit`, `dynamics`, `mimic` |
 //! | `[initial]` | `q.JOINT`, `v.JOINT`: a number, or a list for joints with several coordinates; others are neutral |
 //! | `[[force]]` | `kind` with its parameters, see below; `name` |
-//! | `[integrator]` | `t_end`; `method` = "auto", "dop853", "tsit5" with `rtol`, `atol`, `max_step`, or "rk4", "midpoint" with `step`; `estimate`; `form` of forward dynamics |
+//! | `[integrator]` | `t_end`; `method` = "auto", "dop853", "tsit5", "rodas4", "rodas5p" with `rtol`, `atol`, `max_step`, or "rk4", "midpoint" with `step`; `estimate`; `form` of forward dynamics |
 //! | `[record]` | `every`, s; `checkpoint_s`, wall time between checkpoints (2; 0: after every step) |
 //! | `[outputs]` | NAME = { … }, see below |
 //! | `[reference]` | `source`, NAME = known value of an output at the end |
@@ -34,7 +34,7 @@ mod signal;
 mod tree;
 
 use crate::error::SimulateError;
-use crate::simulation::Simulation;
+use crate::simulation::{Choice, Simulation};
 use phipsi_formats::{Note, Problem, Report};
 use phipsi_model::State;
 use phipsi_motion::Scheme;
@@ -219,6 +219,9 @@ fn read(
         report.warnings.push(warning);
     }
     simulation.every = every;
+    if settings.automatic {
+        simulation.choice = Choice::settled(&mut simulation);
+    }
     simulation.outputs = outputs;
     simulation.known = known;
     simulation.known_source = known_source;

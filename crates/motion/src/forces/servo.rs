@@ -1,6 +1,7 @@
 //! A PD servo at a one-axis degree of freedom, with an optional integral part and effort limit.
 
 use crate::force::{Force, ForceError, Loads, Situation, acts_on_base};
+use crate::force_rates::LoadRates;
 use crate::signal::Signal;
 use crate::wide::{WideLoads, WideSituation};
 use phipsi_model::Model;
@@ -52,6 +53,23 @@ impl Force for Servo {
     }
     fn is_external(&self, model: &Model) -> bool {
         acts_on_base(model, self.dof)
+    }
+    fn is_autonomous(&self) -> bool {
+        matches!(self.target, Signal::Constant(_))
+    }
+    fn add_rates(&mut self, at: &Situation<'_>, rates: &mut LoadRates<'_>) -> bool {
+        let error = self.target.value(at.t) - at.q[self.coordinate];
+        let sum = rates.own.first().map_or(0.0, |sum| self.integral * sum);
+        let tau = self.stiffness * error + self.damping * (self.target.rate(at.t) - at.v[self.dof]) + sum;
+        if tau.abs() < self.limit {
+            let i = self.dof * rates.nv + self.dof;
+            rates.d_dq[i] -= self.stiffness;
+            rates.d_dv[i] -= self.damping;
+            if !rates.own.is_empty() {
+                rates.d_daux[self.dof * rates.auxiliary + rates.slot] += self.integral;
+            }
+        }
+        true
     }
     fn add_wide(&self, at: &WideSituation<'_>, loads: &mut WideLoads<'_>) -> bool {
         let Signal::Constant(target) = self.target else { return false };

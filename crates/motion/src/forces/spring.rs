@@ -1,6 +1,7 @@
 //! Springs and dampers at joints and between points of bodies.
 
 use crate::force::{Force, ForceError, Loads, Needs, Situation, acts_on_base};
+use crate::force_rates::LoadRates;
 use crate::wide::{WideLoads, WideSituation};
 use phipsi_model::Model;
 use phipsi_spatial::{Dd, Vec3, Wrench};
@@ -43,6 +44,15 @@ impl Force for JointSpring {
     }
     fn is_external(&self, model: &Model) -> bool {
         acts_on_base(model, self.dof)
+    }
+    fn is_autonomous(&self) -> bool {
+        true
+    }
+    fn add_rates(&mut self, _: &Situation<'_>, rates: &mut LoadRates<'_>) -> bool {
+        let at = self.dof * rates.nv + self.dof;
+        rates.d_dq[at] -= self.stiffness;
+        rates.d_dv[at] -= self.damping;
+        true
     }
     fn add_wide(&self, at: &WideSituation<'_>, loads: &mut WideLoads<'_>) -> bool {
         let [k, c, rest] = [self.stiffness, self.damping, self.rest].map(Dd::from_f64);
@@ -120,6 +130,45 @@ impl Force for PointSpring {
     }
     fn is_external(&self, _: &Model) -> bool {
         self.bodies.contains(&None)
+    }
+    fn is_autonomous(&self) -> bool {
+        true
+    }
+    fn add_rates(&mut self, at: &Situation<'_>, rates: &mut LoadRates<'_>) -> bool {
+        let (line, length) = self.line(at);
+        if length == 0.0 {
+            return false;
+        }
+        for (i, point) in rates.points.iter_mut().enumerate() {
+            if !point.set(at, self.bodies[i], self.points[i]) {
+                return false;
+            }
+        }
+        let LoadRates { d_dq, d_dv, nv, points: [a, b], .. } = rates;
+        let nv = *nv;
+        let speed = |p: &crate::force_rates::PointRates| {
+            (0..nv).fold(Vec3::zero(), |sum, j| sum + p.linear(j).scale(at.v[j]))
+        };
+        let direction = line.scale(1.0 / length);
+        let apart = speed(b) - speed(a);
+        let pull = self.stiffness * (length - self.rest_length) + self.damping * apart.dot(direction);
+        for j in 0..nv {
+            let stretch = b.linear(j) - a.linear(j);
+            let turn = (stretch - direction.scale(direction.dot(stretch))).scale(1.0 / length);
+            let faster = (b.rate(j) - a.rate(j)).dot(direction) + apart.dot(turn);
+            let more = self.stiffness * direction.dot(stretch) + self.damping * faster;
+            // Of the force on the end at point a; the other one is its opposite.
+            let by_q = direction.scale(more) + turn.scale(pull);
+            let by_v = direction.scale(self.damping * direction.dot(stretch));
+            for (end, sign) in [(&*a, 1.0), (&*b, -1.0)] {
+                let fixed = by_q - end.angular(j).cross(direction.scale(pull));
+                for i in 0..nv {
+                    d_dq[i * nv + j] += sign * end.linear(i).dot(fixed);
+                    d_dv[i * nv + j] += sign * end.linear(i).dot(by_v);
+                }
+            }
+        }
+        true
     }
     fn add_wide(&self, at: &WideSituation<'_>, loads: &mut WideLoads<'_>) -> bool {
         let points = self.points.map(|p| Vec3(p.0.map(Dd::from_f64)));

@@ -1,6 +1,7 @@
 //! A wrench on a body as a function of time.
 
 use crate::force::{Force, ForceError, Loads, Needs, Situation};
+use crate::force_rates::LoadRates;
 use crate::signal::Signal;
 use crate::wide::{WideLoads, WideSituation};
 use phipsi_spatial::{Dd, Vec3, Wrench};
@@ -52,6 +53,28 @@ impl Force for BodyWrench {
         wrench.moment += self.point.cross(wrench.force);
         loads.wrenches[self.body] += wrench;
         Ok(())
+    }
+    fn is_autonomous(&self) -> bool {
+        self.components.iter().all(|c| matches!(c, Signal::Constant(_)))
+    }
+    fn add_rates(&mut self, at: &Situation<'_>, rates: &mut LoadRates<'_>) -> bool {
+        if self.axes == WrenchAxes::Body {
+            return true;
+        }
+        let LoadRates { d_dq, nv, points: [p, _], .. } = rates;
+        if !p.set(at, Some(self.body), self.point) {
+            return false;
+        }
+        let six = [0, 1, 2, 3, 4, 5].map(|i| self.components[i].value(at.t));
+        let wrench = Wrench::from_array(six);
+        for j in 0..*nv {
+            let turn = p.angular(j);
+            let (moment, force) = (turn.cross(wrench.moment), turn.cross(wrench.force));
+            for i in 0..*nv {
+                d_dq[i * *nv + j] -= p.angular(i).dot(moment) + p.linear(i).dot(force);
+            }
+        }
+        true
     }
     fn add_wide(&self, at: &WideSituation<'_>, loads: &mut WideLoads<'_>) -> bool {
         let mut six = [0.0; 6];

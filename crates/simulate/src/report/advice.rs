@@ -16,7 +16,7 @@ pub struct MethodOrder {
     pub method: &'static str,
     /// In theory.
     pub order: u32,
-    /// Slope of log(error) against −log(evaluations) (−log(1/step) for a fixed one); `None` where too few runs show it.
+    /// Slope of log(error) against log of the mean step; `None` where too few runs show it.
     pub observed: Option<f64>,
 }
 
@@ -56,15 +56,15 @@ fn observed(trials: &[&Trial], floor: f64) -> Option<f64> {
         .iter()
         .filter_map(|t| {
             let error = t.error_q.filter(|e| *e < 1e-2 && *e > (30.0 * floor).max(1e-12))?;
-            let work = t.step.map_or(t.evaluations as f64, |step| 1.0 / step);
+            let work = t.step.map_or(t.steps as f64, |step| 1.0 / step);
             Some((work.ln(), error.ln()))
         })
         .collect();
     let n = points.len() as f64;
     let mean = points.iter().fold((0.0, 0.0), |m, p| (m.0 + p.0 / n, m.1 + p.1 / n));
-    let (xx, xy) = points.iter().fold((0.0, 0.0), |(xx, xy), p| {
-        (xx + (p.0 - mean.0).powi(2), xy + (p.0 - mean.0) * (p.1 - mean.1))
-    });
+    let (xx, xy) = points
+        .iter()
+        .fold((0.0, 0.0), |(xx, xy), p| (xx + (p.0 - mean.0).powi(2), xy + (p.0 - mean.0) * (p.1 - mean.1)));
     (points.len() >= 3 && xx > 0.1).then(|| -xy / xx)
 }
 
@@ -118,7 +118,14 @@ impl Report {
             (Some(tolerance), _) => (&["step", "step_fs", "atol"], format!("rtol={tolerance:e}")),
             (_, step) => {
                 let own = format!("step={:?}", step.unwrap_or_default());
-                (if trial.method == "midpoint" { &["step_fs", "rtol", "atol", "form"] } else { &["step_fs", "rtol", "atol"] }, own)
+                (
+                    if trial.method == "midpoint" {
+                        &["step_fs", "rtol", "atol", "form"]
+                    } else {
+                        &["step_fs", "rtol", "atol"]
+                    },
+                    own,
+                )
             }
         };
         let mut settings = vec![format!("integrator.method={}", trial.method)];

@@ -61,7 +61,9 @@ impl Trial {
     pub fn describe(&self, time_unit: &str) -> String {
         match (self.tolerance, self.step) {
             (Some(tolerance), _) => format!("{}, tolerance {tolerance:e}", self.method),
-            (_, Some(step)) if time_unit == "ps" => format!("{}, step {} fs", self.method, short(1000.0 * step)),
+            (_, Some(step)) if time_unit == "ps" => {
+                format!("{}, step {} fs", self.method, short(1000.0 * step))
+            }
             (_, Some(step)) => format!("{}, step {step} s", self.method),
             _ => self.method.into(),
         }
@@ -147,9 +149,9 @@ impl Report {
         for a in &self.advice {
             let line = match a.trial.map(|i| &self.trials[i]) {
                 Some(t) => format!(
-                    "{}: {:.3} s, {} evaluations (error {:.1e} in q, {:.1e} in v; energy {:.1e})",
+                    "{}: {}, {} evaluations (error {:.1e} in q, {:.1e} in v; energy {:.1e})",
                     t.describe(unit),
-                    t.wall_s,
+                    seconds(t.wall_s),
                     t.evaluations,
                     t.error_q.unwrap_or(f64::NAN),
                     t.error_v.unwrap_or(f64::NAN),
@@ -163,13 +165,19 @@ impl Report {
     }
 }
 
+/// A wall time in two digits.
+fn seconds(s: f64) -> String {
+    if s < 0.1 { format!("{:.2} ms", 1000.0 * s) } else { format!("{s:.2} s") }
+}
+
 /// `index.html`.
 pub fn page(report: &Report) -> String {
     let mut warnings = report.warnings.clone();
     if !report.finished {
         warnings.insert(0, "this report has not ended: it holds the runs so far".into());
     }
-    let summary = report.summary().into_iter().skip(1).map(|(name, lines)| (name, lines.join("\n"))).collect();
+    let summary =
+        report.summary().into_iter().skip(1).map(|(name, lines)| (name, lines.join("\n"))).collect();
     let mut details: Vec<(String, String)> = report
         .advice
         .iter()
@@ -179,14 +187,14 @@ pub fn page(report: &Report) -> String {
         let text = match &t.failed {
             Some(why) => format!("failed: {why}"),
             None => format!(
-                "error {} in q, {} in v; energy {:.1e}; {} steps ({} rejected), {} evaluations, {:.4} s",
+                "error {} in q, {} in v; energy {:.1e}; {} steps ({} rejected), {} evaluations, {}",
                 t.error_q.map_or("unknown".into(), |e| format!("{e:.2e}")),
                 t.error_v.map_or("unknown".into(), |e| format!("{e:.2e}")),
                 t.energy_error,
                 t.steps,
                 t.rejected,
                 t.evaluations,
-                t.wall_s
+                seconds(t.wall_s)
             ),
         };
         (t.describe(&report.time_unit), text)

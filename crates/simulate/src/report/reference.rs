@@ -101,8 +101,7 @@ impl Reference {
         };
         for t in TOLERANCES {
             tolerance = t;
-            let tolerances =
-                Tolerances { rtol: t, atol: t, max_step: simulation.tolerances.max_step };
+            let tolerances = Tolerances { rtol: t, atol: t, max_step: simulation.tolerances.max_step };
             let next = by_steps(simulation, tolerances, &times, &breaks, 0.4 * seconds, &mut look)?;
             let better = next.states.len() >= first.states.len();
             if better {
@@ -157,8 +156,7 @@ impl Reference {
             reference.differences.push((a.t, q, v));
             known &= q <= KNOWN;
             if known {
-                reference.agreement =
-                    [reference.agreement[0].max(q), reference.agreement[1].max(v)];
+                reference.agreement = [reference.agreement[0].max(q), reference.agreement[1].max(v)];
                 reference.states.push(b.clone());
             }
         }
@@ -257,9 +255,8 @@ fn plain(
     let mut y = [&start.q[..], &start.v, &vec![0.0; na]].concat();
     y.truncate(nq + nv + na);
     let model = dynamics.model().clone();
-    let mut rate = |t: f64, y: &[f64], out: &mut [f64]| -> Result<(), MotionError> {
-        derivative(dynamics, t, y, out)
-    };
+    let mut rate =
+        |t: f64, y: &[f64], out: &mut [f64]| -> Result<(), MotionError> { derivative(dynamics, t, y, out) };
     let times: Vec<f64> = first.states.iter().map(|s| s.t).collect();
     extrapolate(&model, (start.t, y), PLAIN, &times, breaks, first, seconds, &mut rate, look)
 }

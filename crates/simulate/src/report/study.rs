@@ -56,7 +56,7 @@ pub struct Trial {
 /// Theoretical order of a method.
 pub fn order(method: Scheme) -> u32 {
     match method {
-        Scheme::Explicit(method) => method.tableau().order,
+        Scheme::Explicit(method) => method.order(),
         Scheme::Midpoint { .. } => 2,
     }
 }
@@ -110,7 +110,9 @@ pub(crate) fn study(
 /// The adaptive methods.
 fn candidates(simulation: &Simulation) -> Vec<Candidate> {
     let max_step = simulation.tolerances.max_step;
-    [Method::Dop853, Method::Tsit5]
+    // A force field has no second derivatives here: linearisation by differences would cost thousands of evaluations a step.
+    let implicit = simulation.molecule.is_none();
+    [Method::Dop853, Method::Tsit5, Method::Rodas4, Method::Rodas5p]
         .map(|method| {
             let scheme = Scheme::Explicit(method);
             let settings = EXPONENTS.map(|exponent| {
@@ -120,7 +122,9 @@ fn candidates(simulation: &Simulation) -> Vec<Candidate> {
             });
             Candidate { order: order(scheme), name: method_name(scheme), settings: settings.collect() }
         })
-        .into()
+        .into_iter()
+        .filter(|c: &Candidate| implicit || !c.name.starts_with("rodas"))
+        .collect()
 }
 
 /// The methods of fixed step; their largest step is that of a coarse adaptive run. `Err`: why one is left out.
@@ -142,15 +146,15 @@ fn fixed(simulation: &Simulation, report: &Report, rk4: bool) -> Result<Candidat
         let make = |step| Scheme::Explicit(Method::Rk4 { step });
         return Ok(Candidate { order: 4, name: "rk4", settings: settings(steps, &make) });
     }
-    let conservative =
-        |f: &Box<dyn phipsi_motion::Force>| f.needs().conservative && f.auxiliary().is_empty();
+    let conservative = |f: &Box<dyn phipsi_motion::Force>| f.needs().conservative && f.auxiliary().is_empty();
     if let Some(force) = simulation.dynamics.forces().iter().find(|f| !conservative(f)) {
         let why = format!("midpoint: force `{}` has no potential energy", force.name());
         return Err(Some(why));
     }
     let intervals = span / simulation.every;
     if (intervals - intervals.round()).abs() > 1e-6 {
-        let why = "midpoint: the run is not a whole number of record.every, and it has states at its steps only";
+        let why =
+            "midpoint: the run is not a whole number of record.every, and it has states at its steps only";
         return Err(Some(why.into()));
     }
     let own = match simulation.choice.method {
@@ -226,7 +230,8 @@ fn one_method(
         if let Some((wall, error)) = last {
             growth = (now.0 / wall.max(1e-9)).clamp(1.3, 4.0);
             // Errors that no longer fall, at the size of the reference's own, are rounding.
-            let stalled = matches!((error, now.1), (Some(a), Some(b)) if b > 0.7 * a && b <= 1e3 * floor.max(1e-15));
+            let stalled =
+                matches!((error, now.1), (Some(a), Some(b)) if b > 0.7 * a && b <= 1e3 * floor.max(1e-15));
             idle = if stalled { idle + 1 } else { 0 };
         }
         let failed = trial.failed.is_some();
