@@ -9,6 +9,7 @@ mod convert;
 mod energy;
 mod interrupt;
 mod progress;
+mod report;
 mod run;
 mod show;
 
@@ -58,6 +59,10 @@ enum Command {
         #[arg(required = true, value_name = "FILE")]
         files: Vec<PathBuf>,
     },
+    /// Error against run time: methods × tolerances or steps on a scene, against a reference made for it
+    #[command(after_help = "Examples:\n  phipsi report examples/satellite_arm.toml\n  \
+                            phipsi report arm.toml --set integrator.t_end=5 --budget 20 --out reports/arm")]
+    Report(report::Options),
     /// Turn a URDF file, or a PDB file with its OpenMM System, into a scene
     #[command(after_help = "Examples:\n  phipsi convert arm.urdf arm.toml\n  \
                             phipsi convert protein.pdb protein.xml protein.toml")]
@@ -87,6 +92,7 @@ fn main() -> ExitCode {
     let Cli { command, common } = Cli::parse();
     let ending = match command {
         Command::Run(options) => run::run(&options, &common),
+        Command::Report(options) => report::make(&options, &common),
         Command::Check { files } => check::check(&files, &common),
         Command::Convert { files } => convert::convert(&files, &common),
         Command::Energy(options) => energy::energy(&options, &common),

@@ -262,11 +262,12 @@ impl Robot {
             let lines = match &subject {
                 Subject::Body(name) => self.links.get(name),
                 Subject::Joint(name) => self.joints.get(name),
-                Subject::Model => None,
+                Subject::Closure(_) | Subject::Model => None,
             };
             let place = match &subject {
                 Subject::Body(name) => format!("link `{}`", shown(name)),
                 Subject::Joint(name) => format!("joint `{}`", shown(name)),
+                Subject::Closure(name) => format!("closure `{}`", shown(name)),
                 Subject::Model => self.place.clone(),
             };
             let mut line = match &subject {

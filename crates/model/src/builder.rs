@@ -1,15 +1,16 @@
 //! From bodies and joints with names to a validated [`Model`].
 
+use crate::flexible::{FlexibleBody, check_flexible};
 use crate::model::{Body, Coupling, Model};
 use crate::nearest_inertia::{as_attributes, nearest_inertia};
 use crate::violation::{ModelErrors, Severity, Subject, Violation};
-use crate::{Inertia, Joint, JointKind};
+use crate::{Closure, Inertia, Joint, JointKind};
 use nalgebra::Matrix3;
 use phipsi_topology::{Edge, Tree, spanning_tree};
 use std::collections::HashMap;
 
 /// Largest magnitude of a mass, length or moment: its products with others stay far from overflow.
-const LARGEST: f64 = 1e60;
+pub(crate) const LARGEST: f64 = 1e60;
 
 /// Standard gravity, m/s².
 pub const STANDARD_GRAVITY: [f64; 3] = [0.0, 0.0, -9.80665];
@@ -33,7 +34,10 @@ pub struct ModelBuilder {
     name: String,
     bodies: Vec<Body>,
     joints: Vec<(Joint, String, String)>,
+    /// Nodes of parents, by the name of the joint that is on them.
+    nodes: HashMap<String, String>,
     couplings: Vec<Coupling>,
+    closures: Vec<Closure>,
     gravity: Option<[f64; 3]>,
     base: Base,
 }
@@ -53,9 +57,25 @@ impl ModelBuilder {
         self.joints.push((joint, parent.into(), child.into()));
         self
     }
+    /// Adds a joint at a node of a flexible parent: its placement is in the node's frame.
+    pub fn joint_at_node(
+        mut self,
+        joint: Joint,
+        parent: impl Into<String>,
+        node: impl Into<String>,
+        child: impl Into<String>,
+    ) -> Self {
+        self.nodes.insert(joint.name.clone(), node.into());
+        self.joint(joint, parent, child)
+    }
     /// Adds a coupling between two joints (URDF `mimic`).
     pub fn coupling(mut self, coupling: Coupling) -> Self {
         self.couplings.push(coupling);
+        self
+    }
+    /// Adds a closure between two bodies, or a body and the world.
+    pub fn closure(mut self, closure: Closure) -> Self {
+        self.closures.push(closure);
         self
     }
     /// Sets gravity, m/s², world axes; [`STANDARD_GRAVITY`] otherwise.
@@ -72,7 +92,10 @@ impl ModelBuilder {
     pub fn check(&self) -> Vec<Violation> {
         let mut found = Vec::new();
         for body in &self.bodies {
-            check_inertia(body, &mut found);
+            match &body.flexible {
+                None => check_inertia(body, &mut found),
+                Some(flexible) => check_flexible(&body.name, flexible, &mut found),
+            }
         }
         for (joint, _, _) in &self.joints {
             check_joint(joint, &mut found);
@@ -149,6 +172,9 @@ impl ModelBuilder {
                     "add the body or correct the name",
                 ));
             }
+            if let Some(node) = self.nodes.get(&joint.name) {
+                self.check_node(subject(), parent, node, found);
+            }
             match indices.get(child.as_str()) {
                 None => {
                     let what = format!("child `{child}` does not exist");
@@ -196,6 +222,19 @@ impl ModelBuilder {
                 ));
             }
         }
+        let mut seen_closures: HashMap<&str, ()> = HashMap::new();
+        for closure in &self.closures {
+            if seen_closures.insert(&closure.name, ()).is_some() {
+                let subject = Subject::Closure(closure.name.clone());
+                found.push(error(
+                    subject,
+                    "name given twice".into(),
+                    "different names",
+                    "rename one of the closures",
+                ));
+            }
+            closure.check(&indices, found);
+        }
         // Numbers that are wrong do not keep the tree from being looked at; missing or doubled names do.
         if found[before..].iter().any(|v| v.severity == Severity::Error) {
             return;
@@ -223,6 +262,16 @@ impl ModelBuilder {
                 "remove a joint of the cycle, or make it a closure",
             ));
         }
+        if let Some(body) = self.bodies.iter().find(|b| b.name == "world" && b.flexible.is_some()) {
+            let subject = Subject::Body(body.name.clone());
+            let remedy = "rename the body and hang it on the world by a joint";
+            found.push(error(
+                subject,
+                "the world is flexible".into(),
+                "`world` is the inertial frame",
+                remedy,
+            ));
+        }
         if self.base == Base::Free && roots.first().is_some_and(|&r| self.bodies[r].name == "world") {
             let subject = Subject::Body("world".into());
             let remedy =
@@ -233,6 +282,37 @@ impl ModelBuilder {
                 "`world` is the inertial frame",
                 remedy,
             ));
+        }
+    }
+
+    /// A joint's node must be one of its parent's.
+    fn check_node(&self, subject: Subject, parent: &str, node: &str, found: &mut Vec<Violation>) {
+        let Some(body) = self.bodies.iter().find(|body| body.name == parent) else {
+            if parent == "world" {
+                let what = format!("node `{node}` of the world");
+                found.push(Violation::error(
+                    subject,
+                    what,
+                    "a flexible parent",
+                    "place the joint without a node",
+                ));
+            }
+            return;
+        };
+        let Some(flexible) = &body.flexible else {
+            let what = format!("node `{node}` of body `{parent}`, which is rigid");
+            found.push(Violation::error(
+                subject,
+                what,
+                "a flexible parent",
+                "place the joint without a node",
+            ));
+            return;
+        };
+        if flexible.find_node(node).is_none() {
+            let names: Vec<&str> = flexible.nodes.iter().take(20).map(|n| n.name.as_str()).collect();
+            let what = format!("body `{parent}` has no node `{node}`; nodes: {}", names.join(", "));
+            found.push(Violation::error(subject, what, "the name of a node", "correct the name"));
         }
     }
 
@@ -261,6 +341,7 @@ impl ModelBuilder {
         let mut position = vec![None; self.bodies.len()];
         let (mut bodies, mut joints, mut parents) = (Vec::new(), Vec::new(), Vec::new());
         let (mut q_offsets, mut v_offsets) = (vec![0], vec![0]);
+        let (mut mode_offsets, mut nodes) = (vec![0], Vec::new());
         for step in order {
             if Some(step.node) == world {
                 continue;
@@ -277,6 +358,11 @@ impl ModelBuilder {
             parents.push(edges[step.edge].parent.and_then(|p| position[p]));
             q_offsets.push(q_offsets[q_offsets.len() - 1] + joint.kind.nq());
             v_offsets.push(v_offsets[v_offsets.len() - 1] + joint.kind.nv());
+            mode_offsets.push(mode_offsets[mode_offsets.len() - 1] + body.modes());
+            let flexible: Option<&FlexibleBody> =
+                edges[step.edge].parent.and_then(|p| self.bodies[p].flexible.as_ref());
+            let named = self.nodes.get(&joint.name).filter(|_| step.edge < self.joints.len());
+            nodes.push(named.and_then(|name| flexible?.find_node(name)));
             bodies.push(body);
             joints.push(joint);
         }
@@ -291,15 +377,18 @@ impl ModelBuilder {
             tree: Tree::new(parents).expect("depth-first order puts parents first"),
             q_offsets,
             v_offsets,
+            mode_offsets,
+            nodes,
             gravity: self.gravity.unwrap_or(STANDARD_GRAVITY),
             couplings: self.couplings,
+            closures: self.closures,
             body_index,
             joint_index,
         }
     }
 }
 
-fn is_sane(x: f64) -> bool {
+pub(crate) fn is_sane(x: f64) -> bool {
     x.is_finite() && x.abs() <= LARGEST
 }
 

@@ -1,7 +1,7 @@
 //! Configuration space: neutral and random states, `integrate`, `difference`, `normalize`.
 //!
 //! Increments are in the joint's own algebra, body axes, angular part first, ordered as v: q ∘ τ(x) with τ = exp
-//! (notes/integrators.md 1). For joints whose q is a vector, q + x.
+//! (notes/integrators.md 1). For joints whose q is a vector and for modal coordinates, q + x.
 
 use crate::joint::JointKind;
 use crate::{Model, Random, State};
@@ -20,7 +20,7 @@ impl Model {
         q
     }
     /// A reproducible random state: angles and lengths in [−1, 1] (within the limits where there are), uniform
-    /// orientations, velocities in [−1, 1].
+    /// orientations, modal coordinates in [−0.01, 0.01], velocities in [−1, 1].
     pub fn random_state(&self, seed: u64) -> State {
         let mut random = Random::new(seed);
         let mut q: Vec<f64> = vec![0.0; self.nq()];
@@ -47,6 +47,9 @@ impl Model {
                 }
             }
         }
+        for q in &mut q[self.joint_nq()..] {
+            *q = 0.01 * random.signed();
+        }
         let v = (0..self.nv()).map(|_| random.signed()).collect();
         State { q, v, t: 0.0 }
     }
@@ -57,6 +60,10 @@ impl Model {
         for k in self.moving_joints() {
             let (qr, vr) = (self.q_range(k), self.v_range(k));
             integrate_joint(&self.joints[k].kind, &q[qr.clone()], &x[vr], &mut out[qr]);
+        }
+        let (first, x) = (self.joint_nq(), &x[self.joint_nv()..]);
+        for ((out, q), x) in out[first..].iter_mut().zip(&q[first..]).zip(x) {
+            *out = *q + *x;
         }
     }
     /// [`integrate_into`](Self::integrate_into) a new vector.
@@ -70,6 +77,10 @@ impl Model {
         for k in self.moving_joints() {
             let (qr, vr) = (self.q_range(k), self.v_range(k));
             difference_joint(&self.joints[k].kind, &q0[qr.clone()], &q1[qr], &mut out[vr]);
+        }
+        let (first, out) = (self.joint_nq(), &mut out[self.joint_nv()..]);
+        for ((out, q0), q1) in out.iter_mut().zip(&q0[first..]).zip(&q1[first..]) {
+            *out = *q1 - *q0;
         }
     }
     /// [`difference_into`](Self::difference_into) a new vector.

@@ -1,6 +1,6 @@
 //! What a mechanism *is*: bodies, joints, closures, their names, and its states. No algorithms.
 //!
-//! A [`Model`] is a tree of bodies, parents before children; joint k carries body k. It is immutable, `Send + Sync`,
+//! A [`Model`] is a tree of bodies, rigid or [`flexible`], parents before children; joint k carries body k. It is immutable, `Send + Sync`,
 //! and stores the user's f64 numbers; a wider scalar reads the same numbers exactly.
 //!
 //! ```
@@ -15,7 +15,9 @@
 //! ```
 
 pub mod builder;
+pub mod closure;
 pub mod configuration;
+pub mod flexible;
 pub mod joint;
 pub mod model;
 mod nearest_inertia;
@@ -24,6 +26,11 @@ pub mod state;
 pub mod violation;
 
 pub use builder::{Base, ModelBuilder};
+pub use closure::{Closure, ClosureKind};
+pub use flexible::{
+    Beam, BeamModes, CraigBampton, FlexibleBody, InterfaceNode, MassPoint, Node, Section, ShapeIntegrals,
+    Stiffening,
+};
 pub use joint::{Joint, JointKind, Limits, Placement};
 pub use model::{Body, Coupling, Inertia, Model, NameError};
 pub use random::Random;

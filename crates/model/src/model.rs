@@ -1,6 +1,8 @@
 //! The immutable model: a tree of bodies with names, inertias and joints.
 
-use crate::{Joint, JointKind, Placement};
+use crate::flexible::{FlexibleBody, Node};
+use crate::violation::{ModelErrors, Subject, Violation};
+use crate::{Closure, Joint, JointKind, Placement};
 use phipsi_spatial::{Quaternion, Real, RigidInertia, Sym3, Vec3};
 use phipsi_topology::Tree;
 use std::collections::HashMap;
@@ -43,19 +45,30 @@ impl Inertia {
     }
 }
 
-/// A rigid body.
+/// A body: rigid, or with modal coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Body {
     /// The user's name.
     pub name: String,
-    /// Its mass properties.
+    /// Its mass properties; of a flexible body where nothing is deformed.
     pub inertia: Inertia,
+    /// Its modes, if it is flexible.
+    pub flexible: Option<FlexibleBody>,
 }
 
 impl Body {
-    /// A named body.
+    /// A named rigid body.
     pub fn new(name: impl Into<String>, inertia: Inertia) -> Self {
-        Body { name: name.into(), inertia }
+        Body { name: name.into(), inertia, flexible: None }
+    }
+    /// A named flexible body.
+    pub fn flexible(name: impl Into<String>, flexible: FlexibleBody) -> Self {
+        let inertia = flexible.integrals.undeformed();
+        Body { name: name.into(), inertia, flexible: Some(flexible) }
+    }
+    /// Number of modal coordinates.
+    pub fn modes(&self) -> usize {
+        self.flexible.as_ref().map_or(0, FlexibleBody::modes)
     }
 }
 
@@ -100,8 +113,13 @@ pub struct Model {
     pub(crate) tree: Tree,
     pub(crate) q_offsets: Vec<usize>,
     pub(crate) v_offsets: Vec<usize>,
+    /// First modal coordinate of every body, counted from the first of all, and their number.
+    pub(crate) mode_offsets: Vec<usize>,
+    /// The node of the parent that each joint is on.
+    pub(crate) nodes: Vec<Option<usize>>,
     pub(crate) gravity: [f64; 3],
     pub(crate) couplings: Vec<Coupling>,
+    pub(crate) closures: Vec<Closure>,
     pub(crate) body_index: HashMap<String, usize>,
     pub(crate) joint_index: HashMap<String, usize>,
 }
@@ -119,13 +137,50 @@ impl Model {
     pub fn is_empty(&self) -> bool {
         self.bodies.is_empty()
     }
-    /// Number of position coordinates.
+    /// Number of position coordinates: of all joints, then the modal coordinates of flexible bodies, body after body.
     pub fn nq(&self) -> usize {
+        self.joint_nq() + self.modes()
+    }
+    /// Number of degrees of freedom, in the same order.
+    pub fn nv(&self) -> usize {
+        self.joint_nv() + self.modes()
+    }
+    /// Number of position coordinates of the joints.
+    pub fn joint_nq(&self) -> usize {
         *self.q_offsets.last().expect("offsets have one entry more than bodies")
     }
-    /// Number of degrees of freedom.
-    pub fn nv(&self) -> usize {
+    /// Number of degrees of freedom of the joints.
+    pub fn joint_nv(&self) -> usize {
         *self.v_offsets.last().expect("offsets have one entry more than bodies")
+    }
+    /// Number of modal coordinates of all bodies.
+    pub fn modes(&self) -> usize {
+        *self.mode_offsets.last().expect("offsets have one entry more than bodies")
+    }
+    /// True if some body has modal coordinates.
+    pub fn is_flexible(&self) -> bool {
+        self.modes() > 0
+    }
+    /// Modal coordinates of body k in q.
+    pub fn mode_q_range(&self, k: usize) -> std::ops::Range<usize> {
+        self.joint_nq() + self.mode_offsets[k]..self.joint_nq() + self.mode_offsets[k + 1]
+    }
+    /// Modal coordinates of body k in v.
+    pub fn mode_v_range(&self, k: usize) -> std::ops::Range<usize> {
+        self.joint_nv() + self.mode_offsets[k]..self.joint_nv() + self.mode_offsets[k + 1]
+    }
+    /// Names of the modal coordinates, in their order: `BODY.mode1` …
+    pub fn mode_names(&self) -> impl Iterator<Item = String> + '_ {
+        self.bodies.iter().flat_map(|body| (1..=body.modes()).map(|l| format!("{}.mode{l}", body.name)))
+    }
+    /// Index, among the nodes of its parent, of the node that joint k is on; `None`: it is placed in the parent's frame.
+    pub fn node_of_joint(&self, k: usize) -> Option<usize> {
+        self.nodes[k]
+    }
+    /// That node.
+    pub fn attachment(&self, k: usize) -> Option<&Node> {
+        let parent = &self.bodies[self.tree.parent(k)?];
+        parent.flexible.as_ref()?.nodes.get(self.nodes[k]?)
     }
     /// Bodies, parents before children.
     pub fn bodies(&self) -> &[Body] {
@@ -151,6 +206,35 @@ impl Model {
     /// Couplings between joints (`mimic`).
     pub fn couplings(&self) -> &[Coupling] {
         &self.couplings
+    }
+    /// Closures between two frames.
+    pub fn closures(&self) -> &[Closure] {
+        &self.closures
+    }
+    /// The same model with one more closure.
+    ///
+    /// # Errors
+    /// [`ModelErrors`] if it names no body of the model, has numbers that make no sense, or a name that is taken.
+    pub fn with_closure(mut self, closure: Closure) -> Result<Self, ModelErrors> {
+        let mut found = Vec::new();
+        if self.closures.iter().any(|c| c.name == closure.name) {
+            let subject = Subject::Closure(closure.name.clone());
+            let remedy = "rename one of the closures";
+            found.push(Violation::error(subject, "name given twice", "different names", remedy));
+        }
+        let bodies = self.body_index.keys().map(|name| (name.as_str(), ())).collect();
+        closure.check::<()>(&bodies, &mut found);
+        if !found.is_empty() {
+            return Err(ModelErrors(found));
+        }
+        self.closures.push(closure);
+        Ok(self)
+    }
+    /// The tree alone: the same model without closures and couplings.
+    pub fn without_closures(mut self) -> Self {
+        self.closures.clear();
+        self.couplings.clear();
+        self
     }
     /// First position coordinate of joint k.
     pub fn q_offset(&self, k: usize) -> usize {
@@ -200,12 +284,18 @@ impl Model {
     pub fn total_mass(&self) -> f64 {
         self.bodies.iter().map(|b| b.inertia.mass).sum()
     }
-    /// The joint and component that a degree of freedom belongs to.
+    /// The joint and component that a degree of freedom belongs to. The modes of body k are components of joint k, after those
+    /// of the joint itself.
     pub fn joint_of_velocity(&self, i: usize) -> (usize, usize) {
+        if i >= self.joint_nv() {
+            let mode = i - self.joint_nv();
+            let k = self.mode_offsets.partition_point(|&o| o <= mode) - 1;
+            return (k, self.joints[k].kind.nv() + mode - self.mode_offsets[k]);
+        }
         let k = self.v_offsets.partition_point(|&o| o <= i) - 1;
         (k, i - self.v_offsets[k])
     }
-    /// Why its dynamics cannot run yet, if it has closures.
+    /// The coupling for which tree dynamics refuses the model, if it has couplings.
     pub fn refused_closure(&self) -> Option<&Coupling> {
         self.couplings.first()
     }

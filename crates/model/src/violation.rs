@@ -20,6 +20,8 @@ pub enum Subject {
     Body(String),
     /// A joint.
     Joint(String),
+    /// A closure.
+    Closure(String),
 }
 
 impl fmt::Display for Subject {
@@ -28,6 +30,7 @@ impl fmt::Display for Subject {
             Subject::Model => write!(f, "model"),
             Subject::Body(name) => write!(f, "body `{name}`"),
             Subject::Joint(name) => write!(f, "joint `{name}`"),
+            Subject::Closure(name) => write!(f, "closure `{name}`"),
         }
     }
 }

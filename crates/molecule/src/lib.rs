@@ -34,4 +34,4 @@ pub use minimize::{Strain, minimize, strain};
 pub use molecular_forces::{MolecularError, MolecularForces, PotentialForce};
 pub use potential::{Potential, PotentialError};
 pub use torsion_model::{GatherWorkspace, Poses, TorsionModel};
-pub use velocities::{draw_momenta, draw_velocities, temperature};
+pub use velocities::{draw_momenta, draw_velocities, sample_velocities, temperature};

@@ -13,6 +13,20 @@ use crate::deviates::Deviates;
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{ArticulatedSweep, Layout};
 
+/// Generalised velocities v ~ N(0, kT M⁻¹), from the factors of M(q), for any model. `kt`: kT in the units of the model's
+/// energy, not negative (SI: J); `v`: nv (overwritten). Cost O(n), no allocation.
+pub fn sample_velocities(
+    layout: &Layout<f64>,
+    factors: &ArticulatedSweep<f64>,
+    kt: f64,
+    deviates: &mut Deviates,
+    workspace: &mut SolveWorkspace<f64>,
+    v: &mut [f64],
+) {
+    scaled_deviates(kt, deviates, v);
+    factors.multiply_by_inverse_square_root(layout, v, workspace);
+}
+
 /// Generalised velocities at a temperature, from the factors of M(q). `v`: nv (overwritten); `temperature`: K, not negative.
 /// Cost O(n), no allocation.
 pub fn draw_velocities(
@@ -23,8 +37,7 @@ pub fn draw_velocities(
     workspace: &mut SolveWorkspace<f64>,
     v: &mut [f64],
 ) {
-    scaled_deviates(temperature, deviates, v);
-    factors.multiply_by_inverse_square_root(layout, v, workspace);
+    sample_velocities(layout, factors, BOLTZMANN * temperature, deviates, workspace, v);
 }
 
 /// Generalised momenta at a temperature, from the factors of M(q); else as [`draw_velocities`].
@@ -36,13 +49,13 @@ pub fn draw_momenta(
     workspace: &mut SolveWorkspace<f64>,
     p: &mut [f64],
 ) {
-    scaled_deviates(temperature, deviates, p);
+    scaled_deviates(BOLTZMANN * temperature, deviates, p);
     factors.multiply_by_square_root(layout, p, workspace);
 }
 
-fn scaled_deviates(temperature: f64, deviates: &mut Deviates, out: &mut [f64]) {
+fn scaled_deviates(kt: f64, deviates: &mut Deviates, out: &mut [f64]) {
     deviates.fill_normal(out);
-    let scale = (BOLTZMANN * temperature).sqrt();
+    let scale = kt.sqrt();
     out.iter_mut().for_each(|x| *x *= scale);
 }
 

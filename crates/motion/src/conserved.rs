@@ -3,7 +3,7 @@
 use crate::dynamics::Dynamics;
 use crate::system::System;
 use phipsi_recursion::layout::GROUND;
-use phipsi_recursion::{About, DynamicsError, Kinematics, momentum};
+use phipsi_recursion::{About, DynamicsError, Kinematics, kinetic_energy, momentum, potential_energy};
 use phipsi_spatial::{Vec3, Wrench};
 
 /// Energies and momenta at one instant.
@@ -53,6 +53,12 @@ pub fn balance(
         energy_scale += own.abs() + height.abs();
         mass += carrier.inertia.mass;
         moment += first;
+    }
+    if layout.is_flexible() {
+        // Bodies as they are undeformed tell the sizes; energies are the whole system's.
+        let strain_and_weight = potential_energy(layout, q)?;
+        (kinetic, weight) = (kinetic_energy(layout, q, v)?, strain_and_weight);
+        energy_scale += kinetic + strain_and_weight.abs();
     }
     energy_scale += potentials.iter().map(|x| x.abs()).sum::<f64>();
     let mut momentum_scale = [0.0; 2];

@@ -4,14 +4,15 @@
 //! forces (angular about the centre of mass, linear; world axes), then each force's own.
 
 use crate::force::{Force, ForceError, Loads, Situation};
+use crate::force_rates::{LoadRates, PointRates};
 use crate::midpoint::Conservative;
 use crate::plan::Plan;
-use crate::system::System;
+use crate::system::{Linearization, System, differences};
 use phipsi_model::Model;
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{
-    DynamicsError, Form, FormChoice, FormForwardDynamics, InverseDynamics, Kinematics, Layout,
-    center_of_mass, potential_energy,
+    DynamicsError, Form, FormChoice, FormForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics,
+    Kinematics, Layout, center_of_mass, potential_energy,
 };
 use phipsi_spatial::{Vec3, Wrench};
 use std::fmt;
@@ -76,6 +77,8 @@ pub struct Dynamics {
     tau: Vec<f64>,
     wrenches: Vec<Wrench<f64>>,
     moving_mass: f64,
+    tangent: Option<Tangent>,
+    aux_dot: Vec<f64>,
 }
 
 impl Dynamics {
@@ -93,8 +96,8 @@ impl Dynamics {
     /// As [`Dynamics::new`].
     pub fn with_plan(model: &Model, forces: Vec<Box<dyn Force>>, plan: Plan) -> Result<Self, DynamicsError> {
         let layout = Layout::new(model);
-        if let Some(c) = model.refused_closure() {
-            return Err(DynamicsError::Closure { joint: c.joint.clone(), source: c.source.clone() });
+        if let Some(refusal) = layout.refusal() {
+            return Err(refusal.clone());
         }
         let mut names = Vec::new();
         if plan.work {
@@ -117,6 +120,8 @@ impl Dynamics {
             forward,
             form_choice,
             inverse: InverseDynamics::new(&layout),
+            tangent: None,
+            aux_dot: Vec::new(),
             rest: vec![0.0; model.nv()],
             tau: vec![0.0; model.nv()],
             wrenches: vec![Wrench::zero(); model.len()],
@@ -178,6 +183,7 @@ impl Dynamics {
         self.plan.momentum &= !self.plan.impulse;
         (self.plan.work, self.plan.impulse) = (false, false);
         self.names.clear();
+        self.tangent = None;
         self.slots = vec![0];
         for force in &self.forces {
             self.names.extend(force.auxiliary());
@@ -247,11 +253,52 @@ impl Dynamics {
         Ok(())
     }
 
+    /// All loads at a state, and the rates of the auxiliary quantities.
+    fn collect(
+        &mut self,
+        t: f64,
+        (q, v, aux): (&[f64], &[f64], &[f64]),
+        aux_dot: &mut [f64],
+    ) -> Result<(), MotionError> {
+        self.tau.iter_mut().for_each(|x| *x = 0.0);
+        if self.plan.wrenches {
+            self.wrenches.iter_mut().for_each(|w| *w = Wrench::zero());
+        }
+        if self.plan.kinematics || self.plan.wrenches || self.plan.impulse {
+            self.place(q, v)?;
+        }
+        self.add_forces(false, (t, q, v), aux, aux_dot)?;
+        if self.plan.work {
+            aux_dot[0] = self.power(v);
+        }
+        self.add_forces(true, (t, q, v), aux, aux_dot)?;
+        if self.plan.impulse {
+            let rate = self.external(q)?.to_array();
+            let first = usize::from(self.plan.work);
+            aux_dot[first..first + 6].copy_from_slice(&rate);
+        }
+        Ok(())
+    }
+
     /// Power of the loads collected so far.
     fn power(&self, v: &[f64]) -> f64 {
         let joints: f64 = self.tau.iter().zip(v).map(|(tau, v)| tau * v).sum();
         let bodies = |k: usize| self.kinematics.velocity_in_body(&self.layout, Some(k)).dot(self.wrenches[k]);
-        if self.plan.wrenches { joints + (0..self.model.len()).map(bodies).sum::<f64>() } else { joints }
+        let wrenches = if self.plan.wrenches { (0..self.model.len()).map(bodies).sum::<f64>() } else { 0.0 };
+        joints + wrenches - self.modal_loss(v)
+    }
+
+    /// η̇·C η̇ over all flexible bodies.
+    fn modal_loss(&self, v: &[f64]) -> f64 {
+        let mut loss = 0.0;
+        for (k, body) in self.model.bodies().iter().enumerate() {
+            let Some(flexible) = &body.flexible else { continue };
+            let rates = &v[self.model.mode_v_range(k)];
+            for (row, x) in flexible.damping.chunks_exact(rates.len().max(1)).zip(rates) {
+                loss += x * row.iter().zip(rates).map(|(c, y)| c * y).sum::<f64>();
+            }
+        }
+        loss
     }
 
     /// Rate of momentum by external forces: moment about the centre of mass, force; world axes.
@@ -304,26 +351,81 @@ impl System for Dynamics {
         v_dot: &mut [f64],
         aux_dot: &mut [f64],
     ) -> Result<(), MotionError> {
-        self.tau.iter_mut().for_each(|x| *x = 0.0);
-        if self.plan.wrenches {
-            self.wrenches.iter_mut().for_each(|w| *w = Wrench::zero());
-        }
-        if self.plan.kinematics || self.plan.wrenches || self.plan.impulse {
-            self.place(q, v)?;
-        }
-        self.add_forces(false, (t, q, v), aux, aux_dot)?;
-        if self.plan.work {
-            aux_dot[0] = self.power(v);
-        }
-        self.add_forces(true, (t, q, v), aux, aux_dot)?;
-        if self.plan.impulse {
-            let rate = self.external(q)?.to_array();
-            let first = usize::from(self.plan.work);
-            aux_dot[first..first + 6].copy_from_slice(&rate);
-        }
+        self.collect(t, (q, v, aux), aux_dot)?;
         let wrenches = self.plan.wrenches.then_some(&self.wrenches[..]);
         self.forward.run(&self.layout, q, v, &self.tau, wrenches, v_dot)?;
         Ok(())
+    }
+
+    fn is_autonomous(&self) -> bool {
+        self.forces.iter().all(|f| f.is_autonomous())
+    }
+
+    fn linearize(
+        &mut self,
+        t: f64,
+        q: &[f64],
+        v: &[f64],
+        aux: &[f64],
+        out: &mut Linearization,
+    ) -> Result<u64, MotionError> {
+        if !self.analytic(t, (q, v, aux), out)? {
+            return differences(self, t, (q, v, aux), out);
+        }
+        if !aux.is_empty() {
+            self.auxiliary_rates(t, (q, v, aux), out)?;
+        }
+        Ok(0)
+    }
+}
+
+/// Scratch of the linearisation.
+struct Tangent {
+    derivatives: ForwardDynamicsDerivatives<f64>,
+    inverse: Vec<f64>,
+    d_dq: Vec<f64>,
+    d_dv: Vec<f64>,
+    d_daux: Vec<f64>,
+    points: [PointRates; 2],
+}
+
+impl Tangent {
+    fn new(layout: &Layout<f64>, auxiliary: usize) -> Self {
+        let nv = layout.nv();
+        let square = || vec![0.0; nv * nv];
+        Tangent {
+            derivatives: ForwardDynamicsDerivatives::new(layout),
+            inverse: square(),
+            d_dq: square(),
+            d_dv: square(),
+            d_daux: vec![0.0; nv * auxiliary],
+            points: [PointRates::new(layout), PointRates::new(layout)],
+        }
+    }
+}
+
+/// The loads without forward dynamics: accelerations are zeros.
+struct LoadsOnly<'a>(&'a mut Dynamics);
+
+impl System for LoadsOnly<'_> {
+    type Error = MotionError;
+    fn model(&self) -> &Model {
+        &self.0.model
+    }
+    fn auxiliary_len(&self) -> usize {
+        self.0.names.len()
+    }
+    fn derivative(
+        &mut self,
+        t: f64,
+        q: &[f64],
+        v: &[f64],
+        aux: &[f64],
+        v_dot: &mut [f64],
+        aux_dot: &mut [f64],
+    ) -> Result<(), MotionError> {
+        v_dot.fill(0.0);
+        self.0.collect(t, (q, v, aux), aux_dot)
     }
 }
 
@@ -344,6 +446,81 @@ impl Conservative for Dynamics {
 }
 
 impl Dynamics {
+    /// A_q, A_v, A_a from the derivatives of forward dynamics and of the forces; false if a force has none.
+    ///
+    /// ∂v̇ = ∂v̇ at fixed loads + M⁻¹ ∂loads.
+    fn analytic(
+        &mut self,
+        t: f64,
+        (q, v, aux): (&[f64], &[f64], &[f64]),
+        out: &mut Linearization,
+    ) -> Result<bool, MotionError> {
+        let (nv, na) = (v.len(), aux.len());
+        let mut aux_dot = std::mem::take(&mut self.aux_dot);
+        aux_dot.resize(na, 0.0);
+        let collected = self.collect(t, (q, v, aux), &mut aux_dot);
+        self.aux_dot = aux_dot;
+        collected?;
+        let tangent = self.tangent.get_or_insert_with(|| Tangent::new(&self.layout, na));
+        for rates in [&mut tangent.d_dq, &mut tangent.d_dv, &mut tangent.d_daux] {
+            rates.fill(0.0);
+        }
+        let kinematics = self.plan.kinematics.then_some(&self.kinematics);
+        let at = Situation { model: &self.model, layout: &self.layout, t, q, v, kinematics };
+        for (i, force) in self.forces.iter_mut().enumerate() {
+            let mut rates = LoadRates {
+                d_dq: &mut tangent.d_dq,
+                d_dv: &mut tangent.d_dv,
+                d_daux: &mut tangent.d_daux,
+                nv,
+                auxiliary: na,
+                slot: self.slots[i],
+                own: &aux[self.slots[i]..self.slots[i + 1]],
+                points: &mut tangent.points,
+            };
+            if !force.add_rates(&at, &mut rates) {
+                return Ok(false);
+            }
+        }
+        let wrenches = self.plan.wrenches.then_some(&self.wrenches[..]);
+        let Linearization { a_q, a_v, a_aux, .. } = out;
+        let Tangent { derivatives, inverse, d_dq, d_dv, d_daux, .. } = tangent;
+        derivatives.run(&self.layout, q, v, &self.tau, wrenches, a_q, a_v, inverse)?;
+        a_aux.fill(0.0);
+        for (rates, columns, out) in [(d_dq, nv, a_q), (d_dv, nv, a_v), (d_daux, na, a_aux)] {
+            for k in 0..nv {
+                let row = &rates[k * columns..(k + 1) * columns];
+                // Most generalised forces of a large tree have no force on them.
+                if row.iter().all(|x| *x == 0.0) {
+                    continue;
+                }
+                for i in 0..nv {
+                    let weight = inverse[i * nv + k];
+                    let out = &mut out[i * columns..(i + 1) * columns];
+                    out.iter_mut().zip(row).for_each(|(out, x)| *out += weight * x);
+                }
+            }
+        }
+        Ok(true)
+    }
+
+    /// G: derivatives of the rates of auxiliary quantities, by central differences of the loads alone.
+    fn auxiliary_rates(
+        &mut self,
+        t: f64,
+        (q, v, aux): (&[f64], &[f64], &[f64]),
+        out: &mut Linearization,
+    ) -> Result<(), MotionError> {
+        let (nv, na) = (v.len(), aux.len());
+        let mut loads = LoadsOnly(self);
+        let mut scratch = std::mem::replace(out, Linearization::new(0, 0));
+        let mut whole = Linearization::new(nv, na);
+        let result = differences(&mut loads, t, (q, v, aux), &mut whole);
+        (scratch.g_q, scratch.g_v, scratch.g_aux) = (whole.g_q, whole.g_v, whole.g_aux);
+        *out = scratch;
+        result.map(|_| ())
+    }
+
     fn evaluate_at(&mut self, q: &[f64], rest: &[f64], out: &mut [f64]) -> Result<f64, MotionError> {
         self.tau.iter_mut().for_each(|x| *x = 0.0);
         self.wrenches.iter_mut().for_each(|w| *w = Wrench::zero());

@@ -56,7 +56,7 @@ pub fn estimate_error<S: System>(
     system: &mut S,
     run: &JudgedRun<'_>,
 ) -> Result<ErrorEstimate, IntegrateError<S::Error>> {
-    let order = run.method.tableau().order as i32;
+    let order = run.method.order() as i32;
     let halving = 2f64.powi(order) - 1.0;
     match run.method {
         Method::Rk4 { step } => {

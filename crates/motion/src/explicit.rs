@@ -54,6 +54,36 @@ pub enum StageError<E> {
     NotFinite(NotFinite),
 }
 
+/// ẏ at y = (ξ, v, aux) about q; `q_stage` is scratch.
+pub(crate) fn evaluate<S: System>(
+    system: &mut S,
+    t: f64,
+    q: &[f64],
+    y: &[f64],
+    q_stage: &mut [f64],
+    out: &mut [f64],
+) -> Result<(), StageError<S::Error>> {
+    let nv = system.model().nv();
+    let (xi, rest) = y.split_at(nv);
+    let (v, aux) = rest.split_at(nv);
+    if let Some(i) = v.iter().position(|x| !x.is_finite()) {
+        return Err(StageError::NotFinite(NotFinite::Velocity(i)));
+    }
+    system.model().integrate_into(q, xi, q_stage);
+    let (xi_dot, rest) = out.split_at_mut(nv);
+    let (v_dot, aux_dot) = rest.split_at_mut(nv);
+    increment_rate(system.model(), xi, v, xi_dot);
+    aux_dot.fill(0.0);
+    system.derivative(t, q_stage, v, aux, v_dot, aux_dot).map_err(StageError::System)?;
+    if let Some(i) = v_dot.iter().position(|x| !x.is_finite()) {
+        return Err(StageError::NotFinite(NotFinite::Acceleration(i)));
+    }
+    match aux_dot.iter().position(|x| !x.is_finite()) {
+        Some(i) => Err(StageError::NotFinite(NotFinite::Auxiliary(i))),
+        None => Ok(()),
+    }
+}
+
 impl ExplicitStep {
     /// Scratch for a method on a configuration space.
     pub fn new(tableau: Tableau, nq: usize, nv: usize, auxiliary: usize) -> Self {
@@ -122,26 +152,8 @@ impl ExplicitStep {
         stage: usize,
         t: f64,
     ) -> Result<(), StageError<S::Error>> {
-        let nv = self.nv;
-        let (xi, rest) = self.y.split_at(nv);
-        let (v, aux) = rest.split_at(nv);
-        if let Some(i) = v.iter().position(|x| !x.is_finite()) {
-            return Err(StageError::NotFinite(NotFinite::Velocity(i)));
-        }
-        system.model().integrate_into(&self.q, xi, &mut self.q_stage);
-        let (xi_dot, rest) = self.k[stage].split_at_mut(nv);
-        let (v_dot, aux_dot) = rest.split_at_mut(nv);
-        increment_rate(system.model(), xi, v, xi_dot);
-        aux_dot.fill(0.0);
         self.evaluations += 1;
-        system.derivative(t, &self.q_stage, v, aux, v_dot, aux_dot).map_err(StageError::System)?;
-        if let Some(i) = v_dot.iter().position(|x| !x.is_finite()) {
-            return Err(StageError::NotFinite(NotFinite::Acceleration(i)));
-        }
-        match aux_dot.iter().position(|x| !x.is_finite()) {
-            Some(i) => Err(StageError::NotFinite(NotFinite::Auxiliary(i))),
-            None => Ok(()),
-        }
+        evaluate(system, t, &self.q, &self.y, &mut self.q_stage, &mut self.k[stage])
     }
     /// y = start + h Σ a_j k_j.
     fn combine(&mut self, weights: &[f64], h: f64) {

@@ -1,5 +1,7 @@
 //! What pushes the mechanism: the trait `Force`, what it may look at, and where it adds.
 
+use crate::force_rates::LoadRates;
+use crate::wide::{WideLoads, WideSituation};
 use phipsi_model::Model;
 use phipsi_recursion::{Kinematics, Layout};
 use phipsi_spatial::{Motion, Transform, Wrench};
@@ -122,6 +124,19 @@ pub trait Force: Send {
     /// between two bodies).
     fn is_external(&self, _model: &Model) -> bool {
         true
+    }
+    /// The same as [`Force::add`] in double-double numbers, for references; false where it cannot, or depends on time.
+    fn add_wide(&self, _at: &WideSituation<'_>, _loads: &mut WideLoads<'_>) -> bool {
+        false
+    }
+    /// True if its loads do not depend on time itself.
+    fn is_autonomous(&self) -> bool {
+        false
+    }
+    /// Adds the derivatives of its loads; false where it cannot, or where a difference quotient is as good: those of the whole
+    /// system are then taken by differences.
+    fn add_rates(&mut self, _at: &Situation<'_>, _rates: &mut LoadRates<'_>) -> bool {
+        false
     }
     /// Times at which it is not smooth: steps end there.
     fn breaks(&self) -> Vec<f64> {

@@ -69,6 +69,25 @@ pub fn increment_rate(model: &Model, xi: &[f64], v: &[f64], out: &mut [f64]) {
     }
 }
 
+/// ad_a b of a joint: the bracket of two of its increments or velocities; zero where its q is a vector.
+pub fn bracket(kind: &JointKind, a: &[f64], b: &[f64]) -> [f64; 6] {
+    let mut out = [0.0; 6];
+    match kind {
+        JointKind::Spherical => {
+            out[..3].copy_from_slice(&Vec3([a[0], a[1], a[2]]).cross(Vec3([b[0], b[1], b[2]])).0);
+        }
+        JointKind::Free => {
+            let six = |x: &[f64]| Motion::from_array(std::array::from_fn(|i| x[i]));
+            out = six(a).cross_motion(six(b)).to_array();
+        }
+        JointKind::Planar { .. } => {
+            (out[1], out[2]) = (b[0] * a[2] - a[0] * b[2], a[0] * b[1] - b[0] * a[1]);
+        }
+        _ => {}
+    }
+    out
+}
+
 /// The largest rotation angle among spherical and free joints of an increment.
 pub fn largest_rotation(model: &Model, xi: &[f64]) -> f64 {
     let mut largest = 0.0f64;

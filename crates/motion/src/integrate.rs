@@ -1,9 +1,9 @@
 //! The driver: steps under error control, landing on given times, checkpoints.
 
-use crate::explicit::{ExplicitStep, NotFinite, StageError};
+use crate::explicit::{NotFinite, StageError};
 use crate::increment::largest_rotation;
+use crate::one_step::OneStep;
 use crate::system::System;
-use crate::tableau::{DOP853, RK4, TSIT5, Tableau};
 use phipsi_model::Model;
 use std::fmt;
 
@@ -19,16 +19,24 @@ pub enum Method {
         /// Step size.
         step: f64,
     },
+    /// Rosenbrock method of order 4 for stiff scenes, adaptive.
+    Rodas4,
+    /// Rosenbrock method of order 5 for stiff scenes, adaptive.
+    Rodas5p,
 }
 
 impl Method {
-    /// Its coefficients.
-    pub fn tableau(&self) -> Tableau {
+    /// Its order.
+    pub fn order(&self) -> u32 {
         match self {
-            Method::Dop853 => DOP853,
-            Method::Tsit5 => TSIT5,
-            Method::Rk4 { .. } => RK4,
+            Method::Dop853 => 8,
+            Method::Tsit5 | Method::Rodas5p => 5,
+            Method::Rk4 { .. } | Method::Rodas4 => 4,
         }
+    }
+    /// True for a method that solves with the Jacobian and has no limit of stability.
+    pub fn is_implicit(&self) -> bool {
+        matches!(self, Method::Rodas4 | Method::Rodas5p)
     }
 }
 
@@ -149,7 +157,7 @@ pub struct IntegratorState {
 pub struct Integrator {
     method: Method,
     tolerances: Tolerances,
-    step: ExplicitStep,
+    step: OneStep,
     state: IntegratorState,
     next_q: Vec<f64>,
     next: Vec<f64>,
@@ -186,7 +194,7 @@ impl Integrator {
         Integrator {
             method,
             tolerances,
-            step: ExplicitStep::new(method.tableau(), nq, nv, aux.len()),
+            step: OneStep::new(method, nq, nv, aux.len()),
             state,
             next_q: vec![0.0; nq],
             next: Vec::new(),
@@ -277,7 +285,7 @@ impl Integrator {
             Err(_) => return h0 * 1e-3,
         };
         self.state.counts[2] = self.step.evaluations();
-        let order = self.step.tableau.order as f64;
+        let order = f64::from(self.step.order());
         let largest = d1.max(d2);
         let h1 = if largest <= 1e-15 { (h0 * 1e-3).max(1e-6) } else { (0.01 / largest).powf(1.0 / order) };
         (100.0 * h0).min(h1).min(span).min(max_step)
@@ -342,7 +350,7 @@ impl Integrator {
             }
             rejected = true;
             self.state.counts[1] += 1;
-            let (alpha, _) = self.step.tableau.controller;
+            let (alpha, _) = self.step.controller();
             h = trial * if error.is_finite() { (0.9 * error.powf(-alpha)).clamp(0.2, 0.9) } else { 0.25 };
         }
     }
@@ -360,7 +368,7 @@ impl Integrator {
         let s = &mut self.state;
         let nv = s.v.len();
         if fixed.is_none() {
-            let (alpha, beta) = self.step.tableau.controller;
+            let (alpha, beta) = self.step.controller();
             let error = error.max(1e-10);
             let factor = (0.9 * error.powf(-alpha) * s.last_error.powf(beta))
                 .clamp(0.2, if rejected { 1.0 } else { 6.0 });
@@ -399,7 +407,8 @@ impl Integrator {
             aux.copy_from_slice(&self.state.aux);
             return Ok(());
         }
-        let theta = (t - self.step.t) / self.step.h;
+        let (start, h) = self.step.span();
+        let theta = (t - start) / h;
         let result = self.step.sample(system, theta, self.latest, q, v, aux);
         self.state.counts[2] = self.step.evaluations();
         result.map_err(|cause| IntegrateError::Start { t, cause })

@@ -23,6 +23,11 @@ pub struct Plan {
     pub form: Form,
 }
 
+/// True if modes lose energy.
+fn has_modal_damping(model: &Model) -> bool {
+    model.bodies().iter().filter_map(|b| b.flexible.as_ref()).any(|b| b.damping.iter().any(|c| *c != 0.0))
+}
+
 impl Plan {
     /// For a model and its forces.
     pub fn new(model: &Model, forces: &[Box<dyn Force>]) -> Self {
@@ -35,7 +40,7 @@ impl Plan {
         Plan {
             kinematics: needs.iter().any(|n| n.kinematics),
             wrenches,
-            work: needs.iter().any(|n| !n.conservative),
+            work: needs.iter().any(|n| !n.conservative) || has_modal_damping(model),
             impulse: momentum && (gravity || forces.iter().any(|f| f.is_external(model))),
             momentum,
             gravity,

@@ -27,7 +27,7 @@ fn lower_orders_show_on_a_double_pendulum() {
         (Method::Rk4 { step: 1.0 }, [100, 150, 200, 300, 400, 600]),
         (Method::Tsit5, [100, 140, 180, 240, 320, 400]),
     ] {
-        let order = method.tableau().order as f64;
+        let order = f64::from(method.order());
         let points = steps.map(|n| ((n as f64).ln(), error_with(method, n, end.q()).ln()));
         let mean = |f: fn(&(f64, f64)) -> f64| points.iter().map(f).sum::<f64>() / points.len() as f64;
         let (x, y) = (mean(|p| p.0), mean(|p| p.1));
@@ -58,7 +58,7 @@ fn order_survives_on_rotations() {
         model.difference(end.q(), i.q()).iter().fold(0.0f64, |m, x| m.max(x.abs()))
     };
     for (method, counts) in [(Method::Tsit5, [40, 60, 80, 120]), (Method::Dop853, [12, 16, 22, 30])] {
-        let order = method.tableau().order as f64;
+        let order = f64::from(method.order());
         let errors = counts.map(|n| error(method, n));
         let observed = (errors[0] / errors[3]).ln() / (counts[3] as f64 / counts[0] as f64).ln();
         assert!((observed - order).abs() < 0.3, "{method:?}: observed {observed:.2}, {errors:?}");

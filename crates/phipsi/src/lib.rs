@@ -1,9 +1,9 @@
 //! Multibody dynamics on the spatial operator algebra.
 //!
 //! The rooms: [`spatial`] (six-vectors, inertias), [`topology`] (trees), [`model`] (what a mechanism is), [`recursion`]
-//! (O(n) kernels), `hybrid` (active and passive joints), `formats` (files), `motion` (forces and integration), `molecule` (force fields, torsion models),
-//! `simulate` (scenes and runs). The last five are features, all on by default; without them the crate is the tree kernels
-//! alone.
+//! (O(n) kernels), `closure` (loops), `hybrid` (active and passive joints), `freeflight` (free-flying systems), `formats`
+//! (files), `motion` (forces and integration), `molecule` (force fields, torsion models), `simulate` (scenes and runs). The
+//! last seven are features, all on by default; without them the crate is the tree kernels alone.
 //!
 //! ```
 //! use phipsi::prelude::*;
@@ -18,8 +18,12 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+#[cfg(feature = "closure")]
+pub use phipsi_closure as closure;
 #[cfg(feature = "formats")]
 pub use phipsi_formats as formats;
+#[cfg(feature = "freeflight")]
+pub use phipsi_freeflight as freeflight;
 #[cfg(feature = "hybrid")]
 pub use phipsi_hybrid as hybrid;
 pub use phipsi_model as model;

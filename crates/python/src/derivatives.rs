@@ -103,6 +103,58 @@ impl Model {
         let out = batch.run(py, &kernel, &wrenches.inputs([&q, &v, &a]), 3 * square);
         matrices(&compiled, py, &batch, out, "derivative of a generalized force")
     }
+    /// The dynamics linearised about a state: δẋ = A δx + B δτ with x = (δq, δv).
+    ///
+    /// δq and δv are deviations from the motion through (q, v): δq = difference(q, q'), δv = v' − v. At rest, and for joints whose q
+    /// are numbers, the upper rows of A are (0, I); ball, planar and free joints in motion add −ad(v), since increments are seen from
+    /// a frame that turns.
+    ///
+    /// Parameters
+    /// ----------
+    /// q : (…, nq). v, tau : (…, nv); N·m or N.
+    /// wrenches : {body: (…, 6)}, moment then force on the body, at its frame's origin, in its axes.
+    ///
+    /// Returns
+    /// -------
+    /// A, B : (…, 2 nv, 2 nv) and (…, 2 nv, nv).
+    ///
+    /// Raises
+    /// ------
+    /// ArgumentError; NumericalError at a joint without articulated inertia; ModelError if the model has closures.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> q, v = m.random_state(1)
+    /// >>> A, B = m.linearize(q, v, [1.0, 0.5])
+    /// >>> d_dq, d_dv, d_dtau = m.forward_dynamics_derivatives(q, v, [1.0, 0.5])
+    /// >>> bool(np.array_equal(A[2:], np.hstack([d_dq, d_dv]))), bool(np.array_equal(B[2:], d_dtau))
+    /// (True, True)
+    #[pyo3(signature = (q, v, tau, wrenches = None))]
+    fn linearize<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        v: &Bound<'py, PyAny>,
+        tau: &Bound<'py, PyAny>,
+        wrenches: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        let compiled = self.compiled();
+        let layout = &compiled.layout;
+        let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
+        let (mut tau, mut wrenches) = (compiled.v(tau, "tau")?, compiled.wrenches(wrenches)?);
+        let batch = Batch::of(py, [&mut q, &mut v, &mut tau].into_iter().chain(&mut wrenches.arguments))?;
+        let nv = layout.nv();
+        let (square, width) = (4 * nv * nv, 6 * nv * nv);
+        let kernel = kernels::Linearization { layout, loaded: &wrenches.bodies };
+        let out = batch.run(py, &kernel, &wrenches.inputs([&q, &v, &tau]), width);
+        let names = Names::Columns("linearised dynamics");
+        let out = out.map_err(|e| compiled.failure(py, &batch, e, names))?;
+        let states = || out.chunks_exact(width.max(1));
+        let a = states().flat_map(|x| x[..square].iter().copied()).collect();
+        let b = states().flat_map(|x| x[square..].iter().copied()).collect();
+        Ok((batch.array(py, a, &[2 * nv, 2 * nv])?, batch.array(py, b, &[2 * nv, nv])?))
+    }
 }
 
 /// The three matrices of every state, each as an array of its own.

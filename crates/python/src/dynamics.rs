@@ -38,6 +38,12 @@ impl WorstHinge {
 /// ``backward_error``: |τ − inverse dynamics of the result| over the sum of |terms|, largest component; a float, or an
 /// array of the batch axes. ``worst_hinge``: a WorstHinge, of the whole batch; None if nothing moves. ``form``: the form
 /// that ran.
+///
+/// Of models with loops, else None: ``closure_residual``, ``velocity_residual``: how far the state is off the closures,
+/// largest of m and rad, m/s and rad/s. ``smallest_pivot``: the weakest closed direction over the scale of its loop;
+/// ``error_estimate``: relative error to expect of it, rounding over that pivot. Floats, or arrays of the batch axes.
+/// ``rank``: independent closure rows, int or array. ``near_singular``: bool or array. ``redundant``: the directions that
+/// others imply, of a single state.
 #[pyclass(frozen, get_all, module = "phipsi")]
 pub struct ForwardInfo {
     /// Backward error, float or array.
@@ -46,6 +52,20 @@ pub struct ForwardInfo {
     pub worst_hinge: Option<Py<WorstHinge>>,
     /// The form that ran.
     pub form: &'static str,
+    /// Residual of the positions.
+    pub closure_residual: Option<Py<PyAny>>,
+    /// Residual of the velocities.
+    pub velocity_residual: Option<Py<PyAny>>,
+    /// Weakest pivot.
+    pub smallest_pivot: Option<Py<PyAny>>,
+    /// Rounding over the weakest pivot.
+    pub error_estimate: Option<Py<PyAny>>,
+    /// Independent rows.
+    pub rank: Option<Py<PyAny>>,
+    /// A pivot below 1e-6, or no clear gap.
+    pub near_singular: Option<Py<PyAny>>,
+    /// Directions that others imply.
+    pub redundant: Option<Vec<String>>,
 }
 
 #[pymethods]
@@ -73,14 +93,16 @@ impl Model {
     ///     "auto": the cheapest that is good, which is measured once per model.
     /// info : True returns (result, ForwardInfo).
     ///
+    /// Models with closures or couplings move with their loops closed (``close_loop``); form is "auto" or "plain" then.
+    ///
     /// Returns
     /// -------
     /// (…, nv), rad/s² or m/s²: the componentwise time derivative of v.
     ///
     /// Raises
     /// ------
-    /// ArgumentError; NumericalError at a joint without articulated inertia; ModelError if the model has closures. Warns,
-    /// RuntimeWarning, where "auto" finds no form that is good.
+    /// ArgumentError; NumericalError at a joint without articulated inertia. Warns, RuntimeWarning, where "auto" finds no form
+    /// that is good.
     ///
     /// Example
     /// -------
@@ -107,6 +129,17 @@ impl Model {
             return Err(choice_error(py, "form", form, &Form::ALL.map(Form::name)));
         };
         let compiled = self.compiled();
+        if compiled.has_loops() {
+            if !matches!(form, Form::Auto | Form::Plain) {
+                return Err(choice_error(
+                    py,
+                    "form",
+                    form.name(),
+                    &[Form::Auto, Form::Plain].map(Form::name),
+                ));
+            }
+            return self.closed_forward_dynamics(py, &compiled, [q, v, tau], wrenches, info);
+        }
         let layout = &compiled.layout;
         let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
         let (mut tau, mut wrenches) = (compiled.v(tau, "tau")?, compiled.wrenches(wrenches)?);
@@ -413,7 +446,7 @@ impl Model {
 }
 
 /// The info of a batch from (backward error, degree of freedom of the worst hinge, ratio) per state.
-fn forward_judgement(
+pub fn forward_judgement(
     py: Python<'_>,
     compiled: &Compiled,
     batch: &Batch,
@@ -430,5 +463,12 @@ fn forward_judgement(
         backward_error: batch.array(py, errors, &[])?.unbind(),
         worst_hinge: worst.transpose()?,
         form: form.name(),
+        closure_residual: None,
+        velocity_residual: None,
+        smallest_pivot: None,
+        error_estimate: None,
+        rank: None,
+        near_singular: None,
+        redundant: None,
     })
 }

@@ -1,6 +1,7 @@
 //! Rust errors as the Python classes of `phipsi.errors`, with their fields.
 
 use crate::report::{Problem, Report};
+use phipsi::closure::ClosureError;
 use phipsi::molecule::PotentialError;
 use phipsi::recursion::DynamicsError;
 use pyo3::IntoPyObjectExt;
@@ -113,6 +114,20 @@ pub fn load_error(py: Python<'_>, report: Report) -> PyErr {
     exception(py, "ModelError", message.trim_end(), fields)
 }
 
+/// `ModelError` with what is wrong with a model that was put together.
+pub fn violations_error(py: Python<'_>, errors: &phipsi::model::ModelErrors) -> PyErr {
+    let problem = |v: &phipsi::model::Violation| Problem {
+        source: None,
+        line: None,
+        place: v.subject.to_string(),
+        found: v.found.clone(),
+        required: v.required.clone(),
+        remedy: v.remedy.clone(),
+    };
+    let problems = errors.0.iter().map(problem).collect();
+    exception(py, "ModelError", &errors.to_string(), vec![("errors", Some(Field::Problems(problems)))])
+}
+
 /// `ArgumentError` for a name that the model does not have.
 pub fn name_error(py: Python<'_>, argument: &str, error: &phipsi::model::NameError) -> PyErr {
     let required = format!("the name of a {}: {}", error.what, error.known.join(", "));
@@ -125,6 +140,8 @@ pub fn name_error(py: Python<'_>, argument: &str, error: &phipsi::model::NameErr
 pub enum Failure {
     /// A recursion.
     Dynamics(DynamicsError),
+    /// Closed loops.
+    Closure(ClosureError),
     /// A force field.
     Potential(PotentialError),
     /// A number of the result, by its index, that is not finite.
@@ -193,6 +210,18 @@ pub fn dynamics_error(py: Python<'_>, error: &DynamicsError, state: Option<Vec<u
                 found: format!("a mimic of joint `{source}`"),
                 required: "a tree".into(),
                 remedy: "load the model with mimic = \"free\" to let the joint move freely".into(),
+            };
+            let fields = vec![("errors", Some(Field::Problems(vec![problem])))];
+            exception(py, "ModelError", &error.to_string(), fields)
+        }
+        DynamicsError::Loop { closure } => {
+            let problem = Problem {
+                source: None,
+                line: None,
+                place: format!("closure `{closure}`"),
+                found: "a loop".into(),
+                required: "a tree".into(),
+                remedy: "ask the model without closures".into(),
             };
             let fields = vec![("errors", Some(Field::Problems(vec![problem])))];
             exception(py, "ModelError", &error.to_string(), fields)

@@ -3,19 +3,23 @@
 //! | file | what |
 //! |---|---|
 //! | `batch` | array-likes as states, broadcasting, the loop over states |
-//! | `model`, `dynamics`, `derivatives`, `hybrid`, `kinematics` | methods of the class `Model` |
+//! | `model`, `dynamics`, `derivatives`, `hybrid`, `freeflight`, `kinematics`, `jacobians`, `velocities` | methods of the class `Model` |
 //! | `operators` | `phipsi.operators`: the classes `Operators` and `Operator` |
+//! | `closure` | methods of the class `Model` about loops |
 //! | `molecule` | methods of the class `System`: energies and forces of molecules |
 //! | `torsion_model`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
 //! | `simulate`, `trajectory`, `simulator` | motion |
 //! | `errors`, `report` | exceptions with fields, reports of readers |
 
 mod batch;
+mod closure;
 mod clustering;
 mod derivatives;
 mod dynamics;
 mod errors;
+mod freeflight;
 mod hybrid;
+mod jacobians;
 mod kinematics;
 mod model;
 mod molecule;
@@ -26,6 +30,7 @@ mod simulator;
 mod torsion_model;
 mod torsion_run;
 mod trajectory;
+mod velocities;
 
 use pyo3::prelude::*;
 
@@ -46,6 +51,9 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<report::Problem>()?;
     m.add_class::<dynamics::ForwardInfo>()?;
     m.add_class::<dynamics::WorstHinge>()?;
+    m.add_class::<jacobians::OperationalSpaceInfo>()?;
+    m.add_class::<jacobians::InverseKinematicsInfo>()?;
+    m.add_class::<closure::AssemblyInfo>()?;
     m.add_class::<trajectory::Trajectory>()?;
     m.add_class::<trajectory::RunError>()?;
     m.add_class::<simulator::Simulator>()?;

@@ -6,6 +6,7 @@ use crate::errors::{
     potential_error,
 };
 use crate::report::Report;
+use phipsi::closure::{ClosedDynamics, ClosureError};
 use phipsi::formats::urdf::{Mimic, UrdfOptions, read_urdf, read_urdf_file};
 use phipsi::formats::{Loaded, Problem};
 use phipsi::model::{Base, JointKind};
@@ -26,6 +27,8 @@ pub struct Compiled {
     pub layout: Layout<f64>,
     /// The same without gravity, made when it is first asked for.
     weightless: OnceLock<Layout<f64>>,
+    /// The dynamics of its loops, to be cloned; made when it is first asked for.
+    closed: OnceLock<Result<ClosedDynamics<f64>, ClosureError>>,
     /// The form of forward dynamics that the model needs, measured when it is first asked for.
     form: OnceLock<FormChoice>,
 }
@@ -57,6 +60,20 @@ impl Model {
     /// What a call works on: it keeps it to its end, whatever is set meanwhile.
     pub fn compiled(&self) -> Arc<Compiled> {
         self.compiled.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Puts another model in the place of this one, made from it.
+    ///
+    /// # Errors
+    /// Those of `change`.
+    pub fn replace(
+        &self,
+        change: impl FnOnce(&phipsi::model::Model) -> PyResult<phipsi::model::Model>,
+    ) -> PyResult<()> {
+        let mut compiled = self.compiled.write().unwrap_or_else(PoisonError::into_inner);
+        let model = change(&compiled.model)?;
+        *compiled = Arc::new(Compiled::of(model));
+        Ok(())
     }
 
     /// A model that no file describes.
@@ -229,6 +246,7 @@ impl Model {
             model: compiled.model.clone().with_gravity(g),
             layout: compiled.layout.clone().with_gravity(Vec3(g)),
             weightless: OnceLock::new(),
+            closed: OnceLock::new(),
             form: OnceLock::new(),
         });
         Ok(())
@@ -373,7 +391,19 @@ impl Compiled {
     /// Compiles a model.
     pub fn of(model: phipsi::model::Model) -> Self {
         let (layout, weightless) = (Layout::new(&model), OnceLock::new());
-        Compiled { layout, model, weightless, form: OnceLock::new() }
+        Compiled { layout, model, weightless, closed: OnceLock::new(), form: OnceLock::new() }
+    }
+    /// True if the model has closures or couplings.
+    pub fn has_loops(&self) -> bool {
+        self.layout.refusal().is_some()
+    }
+    /// The dynamics of its loops.
+    ///
+    /// # Errors
+    /// `ModelError` for a coupling that cannot be.
+    pub fn closed(&self, py: Python<'_>) -> PyResult<&ClosedDynamics<f64>> {
+        let closed = self.closed.get_or_init(|| ClosedDynamics::new(&self.model));
+        closed.as_ref().map_err(|e| crate::closure::closure_error(py, e, None))
     }
     /// The layout without gravity.
     pub fn weightless(&self) -> &Layout<f64> {
@@ -466,7 +496,7 @@ impl Compiled {
         Ok(wrenches)
     }
     /// "joint `elbow`, component 0".
-    fn place_of_velocity(&self, i: usize) -> String {
+    pub fn place_of_velocity(&self, i: usize) -> String {
         let (joint, component) = self.model.joint_of_velocity(i);
         format!("joint `{}`, component {component}", self.model.joints()[joint].name)
     }
@@ -494,6 +524,7 @@ impl Compiled {
         let place = batch.place(state);
         let (i, found) = match failure {
             Failure::Dynamics(e) => return dynamics_error(py, &e, place),
+            Failure::Closure(e) => return crate::closure::closure_error(py, &e, place),
             Failure::Potential(e) => return potential_error(py, &e, &e.to_string(), place),
             Failure::NotFinite(i, found) => (i, found),
         };

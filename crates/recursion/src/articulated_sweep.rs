@@ -68,7 +68,7 @@ pub(crate) fn eliminate<T: Scalar>(
 
 /// One axis with its column U of P and pivot D: P −= U D⁻¹ U*.
 #[inline(always)]
-fn eliminate_axis<T: Scalar>(
+pub(crate) fn eliminate_axis<T: Scalar>(
     P: &mut ArticulatedInertia<T>,
     column: Wrench<T>,
     D: T,
@@ -244,9 +244,10 @@ impl<T: Scalar> ArticulatedSweep<T> {
     /// Factors M(q) = (I + HφK) D (I + HφK)* (soa.md 3.1). `q`: nq. Cost O(n).
     ///
     /// # Errors
-    /// [`DynamicsError::Shape`], [`DynamicsError::Closure`]; [`DynamicsError::SingularHinge`] if a D is not positive.
+    /// [`DynamicsError::Shape`], [`DynamicsError::Closure`], [`DynamicsError::Flexible`]; [`DynamicsError::SingularHinge`] if a
+    /// D is not positive.
     pub fn new(layout: &Layout<T::Constant>, q: &[T]) -> Result<Self, DynamicsError> {
-        layout.check_tree()?;
+        layout.check_closures()?;
         check_length("q", q, layout.nq())?;
         let mut sweep = Self::empty(layout);
         sweep.update(layout, q)?;
@@ -265,6 +266,7 @@ impl<T: Scalar> ArticulatedSweep<T> {
     /// # Errors
     /// As [`ArticulatedSweep::new`].
     pub fn update(&mut self, layout: &Layout<T::Constant>, q: &[T]) -> Result<(), DynamicsError> {
+        layout.check_rigid("ArticulatedSweep")?;
         check_length("q", q, layout.nq())?;
         check_length("sweep", &self.pivots, layout.nv())?;
         T::Arithmetic::dispatch(Factor { sweep: self, layout, q: T::arithmetic(q) })
@@ -309,9 +311,40 @@ impl<T: Scalar> ArticulatedSweep<T> {
         T::Arithmetic::dispatch(SquareRoot { sweep: self, layout, x, work: workspace });
     }
 
+    /// The Riccati sweep. `keep` sees P of every body before its joint is eliminated.
+    #[inline(always)]
+    pub(crate) fn sweep_inboard(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        q: &[T::Arithmetic],
+        mut keep: impl FnMut(usize, &ArticulatedInertia<T::Arithmetic>),
+    ) -> Result<(), DynamicsError> {
+        self.shifts.set_all(layout, q);
+        self.pending.clear();
+        let mut hand = ArticulatedInertia::zero();
+        for (k, body) in layout.bodies.iter().enumerate().rev() {
+            let P = with_own(body, self.pending.all(body, &mut hand, |a, b| *a = *a + *b));
+            keep(k, &P);
+            if let Hinge::Revolute = body.hinge {
+                let pivot = revolute_pivot(&P).map_err(|(i, D)| layout.singular(body.v + i, D))?;
+                self.pivots[body.v] = pivot;
+                if body.parent != GROUND {
+                    let moved = body.link.eliminated_to_parent(self.shifts.turn(k), &P, &pivot.gain);
+                    self.pending.give(k, body, &mut hand, moved);
+                }
+                continue;
+            }
+            let pivots = &mut self.pivots[body.v..body.v + body.hinge.nv()];
+            let moved = eliminate(body, self.shifts.at(k, body), P, pivots)
+                .map_err(|(i, D)| layout.singular(body.v + i, D))?;
+            self.pending.give(k, body, &mut hand, moved);
+        }
+        Ok(())
+    }
+
     /// Smoother sweep from a ground at rest: `x` holds ν before and θ̈ after.
     #[inline(always)]
-    fn sweep_outboard(
+    pub(crate) fn sweep_outboard(
         &self,
         layout: &Layout<T::Constant>,
         x: &mut [T::Arithmetic],
@@ -335,26 +368,7 @@ kernel! {
         layout: &'a Layout<T::Constant>,
         q: &'a [T::Arithmetic],
     } -> Result<(), DynamicsError> {
-        sweep.shifts.set_all(layout, q);
-        sweep.pending.clear();
-        let mut hand = ArticulatedInertia::zero();
-        for (k, body) in layout.bodies.iter().enumerate().rev() {
-            let P = with_own(body, sweep.pending.all(body, &mut hand, |a, b| *a = *a + *b));
-            if let Hinge::Revolute = body.hinge {
-                let pivot = revolute_pivot(&P).map_err(|(i, D)| layout.singular(body.v + i, D))?;
-                sweep.pivots[body.v] = pivot;
-                if body.parent != GROUND {
-                    let moved = body.link.eliminated_to_parent(sweep.shifts.turn(k), &P, &pivot.gain);
-                    sweep.pending.give(k, body, &mut hand, moved);
-                }
-                continue;
-            }
-            let pivots = &mut sweep.pivots[body.v..body.v + body.hinge.nv()];
-            let moved = eliminate(body, sweep.shifts.at(k, body), P, pivots)
-                .map_err(|(i, D)| layout.singular(body.v + i, D))?;
-            sweep.pending.give(k, body, &mut hand, moved);
-        }
-        Ok(())
+        sweep.sweep_inboard(layout, q, |_, _| {})
     }
 }
 

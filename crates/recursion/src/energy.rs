@@ -4,6 +4,7 @@
 //! moving bodies.
 
 use crate::error::{DynamicsError, check_length};
+use crate::flexible::NewtonEuler;
 use crate::kernel::kernel;
 use crate::layout::{GROUND, Layout, Shifts};
 use phipsi_spatial::{Motion, RigidInertia, Scalar, Transform, Vec3};
@@ -13,12 +14,17 @@ use phipsi_spatial::{Motion, RigidInertia, Scalar, Transform, Vec3};
 pub struct KineticEnergy<T: Scalar> {
     shifts: Shifts<T::Arithmetic>,
     velocity: Vec<Motion<T::Arithmetic>>,
+    flexible: Option<Box<NewtonEuler<T>>>,
 }
 
 impl<T: Scalar> KineticEnergy<T> {
     /// A workspace for a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
-        KineticEnergy { shifts: Shifts::new(layout), velocity: vec![Motion::zero(); layout.len()] }
+        KineticEnergy {
+            shifts: Shifts::new(layout),
+            velocity: vec![Motion::zero(); layout.len()],
+            flexible: NewtonEuler::of(layout),
+        }
     }
     /// ½ Σ V·M V over the bodies, J. `q`: nq, `v`: nv. Cost O(n), no allocation.
     ///
@@ -28,6 +34,9 @@ impl<T: Scalar> KineticEnergy<T> {
         check_length("q", q, layout.nq())?;
         check_length("v", v, layout.nv())?;
         check_length("workspace", &self.velocity, layout.len())?;
+        if let Some(tree) = layout.flexible() {
+            return Ok(NewtonEuler::checked(&mut self.flexible, tree)?.kinetic_energy(tree, q, v));
+        }
         let (q, v) = (T::arithmetic(q), T::arithmetic(v));
         Ok(T::from_arithmetic(T::Arithmetic::dispatch(Energies::<T> { work: self, layout, q, v })))
     }
@@ -40,7 +49,7 @@ kernel! {
         q: &'a [T::Arithmetic],
         v: &'a [T::Arithmetic],
     } -> T::Arithmetic {
-        let KineticEnergy { shifts, velocity } = work;
+        let KineticEnergy { shifts, velocity, .. } = work;
         let mut twice = T::Arithmetic::splat(0.0);
         shifts.set_all(layout, q);
         for (k, body) in layout.bodies.iter().enumerate() {
@@ -87,6 +96,7 @@ impl<T: Scalar> Root<T> {
 pub struct CenterOfMass<T: Scalar> {
     gathered: Vec<(T::Arithmetic, Vec3<T::Arithmetic>)>,
     pub(crate) roots: Vec<Root<T::Arithmetic>>,
+    flexible: Option<Box<NewtonEuler<T>>>,
 }
 
 impl<T: Scalar> CenterOfMass<T> {
@@ -98,6 +108,7 @@ impl<T: Scalar> CenterOfMass<T> {
         CenterOfMass {
             gathered: vec![(zero, Vec3::zero()); layout.len()],
             roots: bodies.filter(|(_, b)| b.parent == GROUND).map(|(k, _)| root(k)).collect(),
+            flexible: NewtonEuler::of(layout),
         }
     }
     /// Centre of mass of the moving bodies, m, world axes; NaN if they have no mass. Cost O(n), no allocation.
@@ -107,16 +118,25 @@ impl<T: Scalar> CenterOfMass<T> {
     pub fn run(&mut self, layout: &Layout<T::Constant>, q: &[T]) -> Result<Vec3<T>, DynamicsError> {
         check_length("q", q, layout.nq())?;
         check_length("workspace", &self.gathered, layout.len())?;
+        if let Some(tree) = layout.flexible() {
+            let work = NewtonEuler::checked(&mut self.flexible, tree)?;
+            let (mass, Vec3([x, y, z])) = work.first_moment(tree, q, Vec3::zero());
+            return Ok(Vec3([x / mass, y / mass, z / mass]));
+        }
         let [x, y, z] = T::Arithmetic::dispatch(Center::<T> { work: self, layout, q: T::arithmetic(q) }).0;
         Ok(Vec3([T::from_arithmetic(x), T::from_arithmetic(y), T::from_arithmetic(z)]))
     }
-    /// Potential energy of gravity, −Σ m g·c, zero at the world's origin, J. Cost O(n), no allocation.
+    /// Potential energy of gravity, −Σ m g·c, zero at the world's origin, and of strain of flexible bodies, ½ η·K η; J. Cost O(n),
+    /// no allocation.
     ///
     /// # Errors
     /// [`DynamicsError::Shape`].
     pub fn potential_energy(&mut self, layout: &Layout<T::Constant>, q: &[T]) -> Result<T, DynamicsError> {
         check_length("q", q, layout.nq())?;
         check_length("workspace", &self.gathered, layout.len())?;
+        if let Some(tree) = layout.flexible() {
+            return Ok(NewtonEuler::checked(&mut self.flexible, tree)?.potential_energy(layout, tree, q));
+        }
         let energy = T::Arithmetic::dispatch(Potential::<T> { work: self, layout, q: T::arithmetic(q) });
         Ok(T::from_arithmetic(energy))
     }
@@ -125,7 +145,7 @@ impl<T: Scalar> CenterOfMass<T> {
     /// Gathered in body frames, so that a distant origin costs no digits until the last addition.
     #[inline(always)]
     pub(crate) fn gather(&mut self, layout: &Layout<T::Constant>, q: &[T::Arithmetic]) {
-        let CenterOfMass { gathered, roots } = self;
+        let CenterOfMass { gathered, roots, .. } = self;
         for (sum, body) in gathered.iter_mut().zip(&layout.bodies) {
             let M = &body.inertia;
             *sum = (T::Arithmetic::constant(M.mass), Vec3::constant(M.first_moment));

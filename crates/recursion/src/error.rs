@@ -38,6 +38,23 @@ pub enum DynamicsError {
         /// The joint it follows.
         source: String,
     },
+    /// The model has loops that these recursions do not close.
+    Loop {
+        /// The closure's name.
+        closure: String,
+    },
+    /// The model has flexible bodies, of which the algorithm knows nothing.
+    Flexible {
+        /// The first flexible body.
+        body: String,
+        /// The algorithm.
+        algorithm: &'static str,
+    },
+    /// The model has no flexible bodies, for which alone the algorithm is.
+    Rigid {
+        /// The algorithm.
+        algorithm: &'static str,
+    },
 }
 
 impl fmt::Display for DynamicsError {
@@ -60,6 +77,21 @@ impl fmt::Display for DynamicsError {
                 f,
                 "joint `{joint}` mimics joint `{source}`: a closure, which tree dynamics does not close; \
                  load the model with mimic = \"free\" to let the joint move freely"
+            ),
+            DynamicsError::Loop { closure } => write!(
+                f,
+                "closure `{closure}` closes a loop, which tree dynamics does not close; \
+                 use the dynamics of closed loops, or the model without closures"
+            ),
+            DynamicsError::Flexible { body, algorithm } => write!(
+                f,
+                "body `{body}` is flexible, but `{algorithm}` computes with rigid bodies only; \
+                 give the body no modes, or use forward or inverse dynamics"
+            ),
+            DynamicsError::Rigid { algorithm } => write!(
+                f,
+                "the model has no flexible body, but `{algorithm}` is for models that have; \
+                 use `ArticulatedSweep`"
             ),
         }
     }

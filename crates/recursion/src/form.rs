@@ -94,10 +94,13 @@ impl FormChoice {
     pub fn of(model: &Model, layout: &Layout<f64>) -> Self {
         let limit = GOOD.max(GOOD_PER_BODY * layout.len() as f64);
         let mut choice = FormChoice { form: Form::Plain, plain_error: 0.0, error: 0.0, limit };
-        if layout.check_tree().is_err() || layout.nv() == 0 {
+        if layout.check_closures().is_err() || layout.nv() == 0 {
             return choice;
         }
         let states = states(model, layout);
+        if layout.is_flexible() {
+            return Self::of_flexible(model, layout, &states, choice);
+        }
         let results = |form| -> Vec<Option<Vec<f64>>> {
             let mut forward = FormForwardDynamics::new(model, layout, form);
             states.iter().map(|state| state.accelerations(layout, &mut forward)).collect()
@@ -125,6 +128,24 @@ impl FormChoice {
             if error < choice.error {
                 (choice.form, choice.error) = (Form::DoubleDouble, error);
             }
+        }
+        choice
+    }
+    /// There is no square-root form with flexible bodies: plain recursion in double-double numbers judges.
+    fn of_flexible(model: &Model, layout: &Layout<f64>, states: &[State], mut choice: Self) -> Self {
+        let results = |form| -> Vec<Option<Vec<f64>>> {
+            let mut forward = FormForwardDynamics::new(model, layout, form);
+            states.iter().map(|state| state.accelerations(layout, &mut forward)).collect()
+        };
+        let judged = results(Form::DoubleDouble);
+        choice.plain_error = largest_difference(&results(Form::Plain), &judged);
+        choice.error = choice.plain_error;
+        if choice.error > choice.limit {
+            (choice.form, choice.error) =
+                (Form::Refined, largest_difference(&results(Form::Refined), &judged));
+        }
+        if choice.error > choice.limit {
+            (choice.form, choice.error) = (Form::DoubleDouble, 0.0);
         }
         choice
     }

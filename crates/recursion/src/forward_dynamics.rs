@@ -13,6 +13,7 @@
 use crate::articulated_sweep::{Pivot, eliminate, filter, smooth, smooth_revolute};
 use crate::branching::{Given, recur};
 use crate::error::{DynamicsError, check_length};
+use crate::flexible;
 use crate::hinge::Hinge;
 use crate::kernel::kernel;
 use crate::kinematics::{relative, relative_revolute};
@@ -56,6 +57,8 @@ pub struct ForwardDynamics<T: Scalar> {
     alpha: Vec<Motion<T::Arithmetic>>,
     /// Minus the external wrenches, where there are any.
     loads: Vec<Wrench<T::Arithmetic>>,
+    /// For a layout with flexible bodies.
+    flexible: Option<Box<flexible::Forward<T>>>,
 }
 
 impl<T: Scalar> ForwardDynamics<T> {
@@ -70,6 +73,7 @@ impl<T: Scalar> ForwardDynamics<T> {
             packed: Given::new(layout, Packed::zero::<T::Arithmetic>()),
             alpha: vec![Motion::zero(); n],
             loads: vec![Wrench::zero(); n],
+            flexible: layout.flexible().map(|tree| Box::new(flexible::Forward::new(tree))),
         }
     }
     /// Accelerations of generalised forces `tau` at (q, v).
@@ -111,7 +115,7 @@ impl<T: Scalar> ForwardDynamics<T> {
         wrenches: Option<&[Wrench<T>]>,
         out: &mut [T],
     ) -> Result<(), DynamicsError> {
-        layout.check_tree()?;
+        layout.check_closures()?;
         check_length("q", q, layout.nq())?;
         check_length("v", v, layout.nv())?;
         check_length("tau", tau, layout.nv())?;
@@ -119,6 +123,12 @@ impl<T: Scalar> ForwardDynamics<T> {
         check_length("workspace", &self.moving, layout.len())?;
         if let Some(wrenches) = wrenches {
             check_length("wrenches", wrenches, layout.model_bodies())?;
+        }
+        if layout.is_flexible() {
+            out.copy_from_slice(tau);
+            return flexible::Forward::run(&mut self.flexible, layout, (q, v), wrenches, TURNING, out);
+        }
+        if let Some(wrenches) = wrenches {
             layout.gather_loads(wrenches, &mut self.loads);
         }
         out.copy_from_slice(tau);

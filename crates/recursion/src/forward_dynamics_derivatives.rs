@@ -8,6 +8,7 @@
 //! | c | turning of the axes of planar and free joints: T is a function of θ̈ + c, so ∂c/∂v is subtracted at the end and the speed of a free body stays out of its moments | |
 
 use crate::error::{DynamicsError, check_length};
+use crate::flexible::{Map, derivatives};
 use crate::forward_dynamics::ForwardDynamics;
 use crate::hinge::Hinge;
 use crate::innovations::Innovations;
@@ -48,7 +49,8 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
     /// `d_dtau`: nv×nv by rows, row i is the acceleration of degree of freedom i.
     ///
     /// # Cost
-    /// O(n · depth) and two products with M⁻¹ of O(nv² · depth), up to O(nv³) for a chain; no allocation.
+    /// O(n · depth) and two products with M⁻¹ of O(nv² · depth), up to O(nv³) for a chain; no allocation. With flexible
+    /// bodies dual numbers go through the sweeps: O(nv · n), with allocations.
     ///
     /// # Accuracy
     /// n·ε·|M⁻¹| times the κ of the forces' derivatives, and ε × mass ratio where a heavy body hangs on a light one, as in
@@ -73,6 +75,10 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
         check_length("d_dv", d_dv, nv * nv)?;
         check_length("d_dtau", d_dtau, nv * nv)?;
         check_length("workspace", &self.acceleration, nv)?;
+        if layout.is_flexible() {
+            self.forward.run(layout, q, v, tau, wrenches, &mut self.acceleration)?;
+            return derivatives(Map::Forward, layout, (q, v, tau), wrenches, (d_dq, d_dv, d_dtau));
+        }
         self.forward.accelerate::<false>(layout, q, v, tau, wrenches, &mut self.acceleration)?;
         self.sweeps.load(layout, wrenches);
         let (v, d_dtau) = (T::arithmetic(v), T::arithmetic_mut(d_dtau));

@@ -17,6 +17,9 @@ const ROUNDING: f64 = 4.0 * f64::EPSILON;
 /// Cost O(n).
 pub fn singular_hinges(model: &Model) -> Vec<Violation> {
     let layout = Layout::<Dd>::new(model);
+    if layout.is_flexible() {
+        return flexible_hinges(model, &layout);
+    }
     let mut singular: Option<Vec<bool>> = None;
     for seed in 0..3 {
         let q: Vec<Dd> = model.random_state(seed).q.iter().map(|&x| Dd::from_f64(x)).collect();
@@ -39,6 +42,23 @@ pub fn singular_hinges(model: &Model) -> Vec<Violation> {
         }
     }
     found
+}
+
+/// The same for a model with flexible bodies, one pivot for each degree of freedom; a pivot that fails ends the sweep, so that only
+/// the first hinge without inertia is named.
+fn flexible_hinges(model: &Model, layout: &Layout<Dd>) -> Vec<Violation> {
+    let failures = [0, 1, 2].map(|seed| {
+        let q: Vec<Dd> = model.random_state(seed).q.iter().map(|&x| Dd::from_f64(x)).collect();
+        crate::flexible::first_singular(layout, &q, ROUNDING)
+    });
+    let [Some(first), Some(_), Some(_)] = failures else { return Vec::new() };
+    let (name, component) = layout.joint_of_velocity(first);
+    vec![Violation::error(
+        Subject::Joint(name.into()),
+        format!("no articulated inertia about degree of freedom {component}"),
+        "inertia outboard of every joint, away from its axis, and modes that do not move with the joint",
+        "give the outboard link mass and inertia, leave the mode out, or make the joint fixed",
+    )]
 }
 
 fn singular_at(layout: &Layout<Dd>, q: &[Dd]) -> Vec<bool> {

@@ -118,7 +118,8 @@ impl<T: Scalar> HybridDynamics<T> {
         tau: &mut [T],
         wrenches: Option<&[Wrench<T>]>,
     ) -> Result<(), DynamicsError> {
-        layout.check_tree()?;
+        layout.check_closures()?;
+        layout.check_rigid("hybrid_dynamics")?;
         check_length("q", q, layout.nq())?;
         check_length("v", v, layout.nv())?;
         check_length("active", active, layout.nv())?;

@@ -10,6 +10,7 @@
 
 use crate::branching::{Given, recur};
 use crate::error::{DynamicsError, check_length};
+use crate::flexible;
 use crate::hinge::{Hinge, each_component};
 use crate::kernel::kernel;
 use crate::kinematics::relative;
@@ -34,6 +35,8 @@ pub struct InverseDynamics<T: Scalar> {
     force: Vec<Wrench<T::Arithmetic>>,
     given: Given<Wrench<T::Arithmetic>>,
     loads: Vec<Wrench<T::Arithmetic>>,
+    /// For a layout with flexible bodies.
+    flexible: Option<Box<flexible::Inverse<T>>>,
 }
 
 impl<T: Scalar> InverseDynamics<T> {
@@ -46,6 +49,7 @@ impl<T: Scalar> InverseDynamics<T> {
             force: vec![Wrench::zero(); n],
             given: Given::new(layout, Wrench::zero()),
             loads: vec![Wrench::zero(); n],
+            flexible: layout.flexible().map(|tree| Box::new(flexible::Inverse::new(tree))),
         }
     }
     /// Generalised forces of accelerations `a` at (q, v).
@@ -71,7 +75,7 @@ impl<T: Scalar> InverseDynamics<T> {
         wrenches: Option<&[Wrench<T>]>,
         out: &mut [T],
     ) -> Result<(), DynamicsError> {
-        layout.check_tree()?;
+        layout.check_closures()?;
         check_length("q", q, layout.nq())?;
         check_length("v", v, layout.nv())?;
         check_length("a", a, layout.nv())?;
@@ -79,6 +83,11 @@ impl<T: Scalar> InverseDynamics<T> {
         check_length("workspace", &self.force, layout.len())?;
         if let Some(wrenches) = wrenches {
             check_length("wrenches", wrenches, layout.model_bodies())?;
+        }
+        if layout.is_flexible() {
+            return flexible::Inverse::run(&mut self.flexible, layout, (q, v, a), wrenches, out);
+        }
+        if let Some(wrenches) = wrenches {
             layout.gather_loads(wrenches, &mut self.loads);
         }
         let (q, v, a) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic(a));
@@ -271,6 +280,6 @@ pub fn multiply_by_mass_matrix<T: Scalar>(
     q: &[T],
     x: &[T],
 ) -> Result<Vec<T>, DynamicsError> {
-    let weightless = layout.clone().with_gravity(Vec3::zero());
+    let weightless = layout.clone().inertial();
     inverse_dynamics(&weightless, q, &vec![T::zero(); layout.nv()], x, None)
 }

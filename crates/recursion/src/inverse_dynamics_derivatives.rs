@@ -23,6 +23,7 @@
 
 use crate::derivative_columns::{Meet, Meetings};
 use crate::error::{DynamicsError, check_length};
+use crate::flexible::{Map, derivatives};
 use crate::ground_axes::{self, AXIS, COMPOSITE, Directions, OFFSET, each_own_inertia, set_body, spread};
 use crate::hinge::{Hinge, combine};
 use crate::layout::{GROUND, Layout, Shifts};
@@ -97,7 +98,8 @@ impl<T: Scalar> InverseDynamicsDerivatives<T> {
     /// nv×nv by rows, row i is the force of degree of freedom i.
     ///
     /// # Cost
-    /// O(n · depth) besides writing the zeros; no allocation.
+    /// O(n · depth) besides writing the zeros; no allocation. With flexible bodies dual numbers go through the sweeps: O(nv · n),
+    /// with allocations.
     ///
     /// # Accuracy
     /// n·ε·κ; only speeds of bodies against their parents enter. Entries that vanish because axes are parallel come out as the
@@ -117,7 +119,7 @@ impl<T: Scalar> InverseDynamicsDerivatives<T> {
         d_dv: &mut [T],
         d_da: &mut [T],
     ) -> Result<(), DynamicsError> {
-        layout.check_tree()?;
+        layout.check_closures()?;
         let nv = layout.nv();
         check_length("q", q, layout.nq())?;
         check_length("v", v, nv)?;
@@ -125,9 +127,14 @@ impl<T: Scalar> InverseDynamicsDerivatives<T> {
         check_length("d_dq", d_dq, nv * nv)?;
         check_length("d_dv", d_dv, nv * nv)?;
         check_length("d_da", d_da, nv * nv)?;
-        check_length("workspace", &self.sweeps.places.first, layout.len())?;
+        if !layout.is_flexible() {
+            check_length("workspace", &self.sweeps.places.first, layout.len())?;
+        }
         if let Some(wrenches) = wrenches {
             check_length("wrenches", wrenches, layout.model_bodies())?;
+        }
+        if layout.is_flexible() {
+            return derivatives(Map::Inverse, layout, (q, v, a), wrenches, (d_dq, d_dv, d_da));
         }
         self.sweeps.load(layout, wrenches);
         let (q, v, a) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic(a));

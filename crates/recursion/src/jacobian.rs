@@ -53,6 +53,7 @@ impl<T: Scalar> Jacobian<T> {
         point: Option<Vec3<T>>,
         out: &mut [T],
     ) -> Result<(), DynamicsError> {
+        layout.check_rigid("jacobian")?;
         check_length("q", q, layout.nq())?;
         check_length("out", out, 6 * layout.nv())?;
         check_length("workspace", &self.path, layout.len())?;

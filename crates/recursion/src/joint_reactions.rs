@@ -49,7 +49,8 @@ impl<T: Scalar> JointReactions<T> {
         wrenches: Option<&[Wrench<T>]>,
         out: &mut [Wrench<T>],
     ) -> Result<(), DynamicsError> {
-        layout.check_tree()?;
+        layout.check_closures()?;
+        layout.check_rigid("joint_reactions")?;
         check_length("q", q, layout.nq())?;
         check_length("v", v, layout.nv())?;
         check_length("a", a, layout.nv())?;

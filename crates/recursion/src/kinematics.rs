@@ -11,6 +11,7 @@
 //! v × ω of the bodies' speed: error ε |v| |ω|, where here only speeds relative to the parent enter.
 
 use crate::error::{DynamicsError, check_length};
+use crate::flexible::Placing;
 use crate::hinge::Hinge;
 use crate::kernel::kernel;
 use crate::layout::{GROUND, Layout};
@@ -76,24 +77,27 @@ fn carried_acceleration<T: Scalar>(x: &Transform<T>, omega: Vec3<T>, alpha: Moti
 
 /// Poses, velocities and accelerations of all bodies, base to tip.
 #[derive(Clone, Debug)]
-pub struct Kinematics<T> {
+pub struct Kinematics<T: Scalar> {
     /// Pose of each layout body in its parent.
     pub(crate) hinge: Vec<Transform<T>>,
     /// Pose of each layout body in the world.
     pub(crate) world: Vec<Transform<T>>,
     velocity: Vec<Motion<T>>,
     acceleration: Vec<Motion<T>>,
+    /// For a layout with flexible bodies.
+    flexible: Option<Box<Placing<T>>>,
 }
 
 impl<T: Scalar> Kinematics<T> {
     /// A workspace for a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
-        let n = layout.len();
+        let n = layout.flexible().map_or(layout.len(), |tree| tree.bodies.len());
         Kinematics {
             hinge: vec![Transform::identity(); n],
             world: vec![Transform::identity(); n],
             velocity: vec![Motion::zero(); n],
             acceleration: vec![Motion::zero(); n],
+            flexible: layout.flexible().map(|tree| Box::new(Placing::new(tree))),
         }
     }
     /// Computes poses. `q`: nq.
@@ -103,6 +107,12 @@ impl<T: Scalar> Kinematics<T> {
     #[inline(always)]
     pub fn set_position(&mut self, layout: &Layout<T::Constant>, q: &[T]) -> Result<(), DynamicsError> {
         check_length("q", q, layout.nq())?;
+        if let Some(tree) = layout.flexible() {
+            let placing = Placing::checked(&mut self.flexible, tree)?;
+            placing.set_position(tree, q);
+            self.world.copy_from_slice(&placing.world);
+            return Ok(());
+        }
         for (k, body) in layout.bodies.iter().enumerate() {
             self.hinge[k] = body.pose(q);
             self.world[k] = if body.parent == GROUND {
@@ -120,6 +130,14 @@ impl<T: Scalar> Kinematics<T> {
     #[inline(always)]
     pub fn set_velocity(&mut self, layout: &Layout<T::Constant>, v: &[T]) -> Result<(), DynamicsError> {
         check_length("v", v, layout.nv())?;
+        if let Some(tree) = layout.flexible() {
+            let placing = Placing::checked(&mut self.flexible, tree)?;
+            placing.set_velocity(tree, v);
+            for (k, velocity) in self.velocity.iter_mut().enumerate() {
+                *velocity = placing.motion(k).0;
+            }
+            return Ok(());
+        }
         for (k, body) in layout.bodies.iter().enumerate() {
             let joint = body.hinge.expand(&v[body.v..]);
             self.velocity[k] = if body.parent == GROUND {
@@ -143,6 +161,14 @@ impl<T: Scalar> Kinematics<T> {
     ) -> Result<(), DynamicsError> {
         check_length("v", v, layout.nv())?;
         check_length("a", a, layout.nv())?;
+        if let Some(tree) = layout.flexible() {
+            let placing = Placing::checked(&mut self.flexible, tree)?;
+            placing.set_acceleration(tree, v, a);
+            for (k, acceleration) in self.acceleration.iter_mut().enumerate() {
+                *acceleration = placing.motion(k).1;
+            }
+            return Ok(());
+        }
         for (k, body) in layout.bodies.iter().enumerate() {
             let joint = body.hinge.expand(&v[body.v..]);
             let (inboard, carried) = if body.parent == GROUND {
@@ -200,6 +226,27 @@ impl<T: Scalar> Kinematics<T> {
             _ => Motion::zero(),
         }
     }
+    /// World pose of a node of a flexible body, by its index; `None` if the body has no such node.
+    pub fn node_pose(&self, layout: &Layout<T::Constant>, body: usize, node: usize) -> Option<Transform<T>> {
+        let tree = layout.flexible()?;
+        self.flexible.as_ref()?.node_pose(tree, layout.carriers.get(body)?.body, node)
+    }
+    /// Velocity and the papers' α of a node of a flexible body, world axes, at the velocities and accelerations set before, which
+    /// are given again; `None` if the body has no such node. Allocates.
+    pub fn node_motion(
+        &self,
+        layout: &Layout<T::Constant>,
+        body: usize,
+        node: usize,
+        v: &[T],
+        a: &[T],
+    ) -> Option<[Motion<T>; 2]> {
+        let tree = layout.flexible()?;
+        let (placing, k) = (self.flexible.as_ref()?, layout.carriers.get(body)?.body);
+        let r = placing.node_pose(tree, k, node)?.rotation;
+        let (velocity, alpha) = placing.node_motion(tree, k, node, (v, a))?;
+        Some([velocity, alpha].map(|x| Motion::new(r * x.angular, r * x.linear)))
+    }
 }
 
 /// The papers' α from the componentwise (Featherstone's spatial) acceleration: (ω̇, v̇ + ω × v).
@@ -208,7 +255,7 @@ pub fn spatial_to_inertial<T: Scalar>(v: Motion<T>, a: Motion<T>) -> Motion<T> {
     Motion::new(a.angular, a.linear + v.angular.cross(v.linear))
 }
 
-/// World pose of one body of the model, along its path only. `q`: nq. Cost O(depth), no allocation.
+/// World pose of one body of the model, along its path only. `q`: nq. Cost O(depth), no allocation; O(n) with flexible bodies.
 ///
 /// # Errors
 /// [`DynamicsError::Shape`].
@@ -219,6 +266,11 @@ pub fn body_pose<T: Scalar>(
 ) -> Result<Transform<T>, DynamicsError> {
     check_length("q", q, layout.nq())?;
     let Some(body) = body else { return Ok(Transform::identity()) };
+    if layout.is_flexible() {
+        let mut kinematics = Kinematics::new(layout);
+        kinematics.set_position(layout, q)?;
+        return Ok(kinematics.pose(layout, Some(body)));
+    }
     let pose = T::Arithmetic::dispatch(PosePath::<T> { layout, q: T::arithmetic(q), body });
     let ([a, b, c], back) = (pose.rotation.0, plain::<T>);
     Ok(Transform::new(Mat3([back(a), back(b), back(c)]), Vec3(back(pose.translation.0))))
@@ -246,7 +298,8 @@ kernel! {
     }
 }
 
-/// (ω, velocity of the origin) of one body of the model, world axes. `q`: nq, `v`: nv. Cost O(depth), no allocation.
+/// (ω, velocity of the origin) of one body of the model, world axes. `q`: nq, `v`: nv. Cost O(depth), no allocation; O(n) with
+/// flexible bodies.
 ///
 /// # Errors
 /// [`DynamicsError::Shape`].
@@ -259,6 +312,12 @@ pub fn body_velocity<T: Scalar>(
     check_length("q", q, layout.nq())?;
     check_length("v", v, layout.nv())?;
     let Some(body) = body else { return Ok(Motion::zero()) };
+    if layout.is_flexible() {
+        let mut kinematics = Kinematics::new(layout);
+        kinematics.set_position(layout, q)?;
+        kinematics.set_velocity(layout, v)?;
+        return Ok(kinematics.velocity(layout, Some(body)));
+    }
     let (q, v) = (T::arithmetic(q), T::arithmetic(v));
     let velocity = T::Arithmetic::dispatch(VelocityPath::<T> { layout, q, v, body });
     Ok(Motion::new(Vec3(plain::<T>(velocity.angular.0)), Vec3(plain::<T>(velocity.linear.0))))

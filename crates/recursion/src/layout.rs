@@ -10,6 +10,7 @@
 //! the one with most bodies outboard comes last, so that what waits is a stack of at most log₂ n entries.
 
 use crate::error::DynamicsError;
+use crate::flexible::{FlexibleTree, rigid_inboard, rigid_node};
 use crate::hinge::Hinge;
 use crate::kernel::kernel;
 use crate::link::Link;
@@ -144,6 +145,8 @@ pub struct Layout<C = f64> {
     /// Branch by branch also on a single thread.
     always_branches: bool,
     pub(crate) gravity: Vec3<C>,
+    /// The whole tree, if bodies are flexible: `bodies` is empty then, and carriers count the tree's bodies.
+    flexible: Option<Box<FlexibleTree<C>>>,
     nq: usize,
     nv: usize,
     joint_of_velocity: Vec<(String, usize)>,
@@ -153,6 +156,12 @@ pub struct Layout<C = f64> {
 impl<C: Real> Layout<C> {
     /// Compiles a model. Cost O(n).
     pub fn new(model: &Model) -> Self {
+        match FlexibleTree::new(model) {
+            Some((tree, carriers)) => Self::assemble(model, &[], carriers, Some(Box::new(tree))),
+            None => Self::rigid(model),
+        }
+    }
+    fn rigid(model: &Model) -> Self {
         let mut bodies: Vec<Raw<C>> = Vec::new();
         let mut carriers: Vec<Carrier<C>> = Vec::with_capacity(model.len());
         for k in 0..model.len() {
@@ -160,6 +169,10 @@ impl<C: Real> Layout<C> {
             let (parent, inboard) = match model.tree().parent(k) {
                 Some(p) => (carriers[p].body, carriers[p].pose),
                 None => (GROUND, Transform::identity()),
+            };
+            let inboard = match model.attachment(k) {
+                Some(_) => inboard.compose(&rigid_node(model, k)),
+                None => inboard,
             };
             let frame = inboard.compose(&joint.placement.to_transform());
             let (q, v) = (model.q_offset(k), model.v_offset(k));
@@ -184,22 +197,34 @@ impl<C: Real> Layout<C> {
                     (body, Transform::new(turned.transpose(), Vec3::zero()))
                 }
             };
+            let pose = match model.bodies()[k].flexible {
+                Some(_) => pose.compose(&rigid_inboard(model, k)),
+                None => pose,
+            };
             let inertia = model.bodies()[k].inertia.to_rigid();
             if body != GROUND {
                 bodies[body].inertia = bodies[body].inertia + pose.rigid_to_parent(&inertia);
             }
             carriers.push(Carrier { body, pose, inertia });
         }
-        let joint_of_velocity = (0..model.nv())
-            .map(|i| {
-                let (k, component) = model.joint_of_velocity(i);
-                (model.joints()[k].name.clone(), component)
-            })
-            .collect();
+        Self::assemble(model, &bodies, carriers, None)
+    }
+    fn assemble(
+        model: &Model,
+        bodies: &[Raw<C>],
+        mut carriers: Vec<Carrier<C>>,
+        flexible: Option<Box<FlexibleTree<C>>>,
+    ) -> Self {
+        let joints = (0..model.joint_nv()).map(|i| {
+            let (k, component) = model.joint_of_velocity(i);
+            (model.joints()[k].name.clone(), component)
+        });
+        let joint_of_velocity = joints.chain(model.mode_names().map(|name| (name, 0))).collect();
         let refused = model
             .refused_closure()
-            .map(|c| DynamicsError::Closure { joint: c.joint.clone(), source: c.source.clone() });
-        let (bodies, waiting) = arrange(&bodies, &mut carriers);
+            .map(|c| DynamicsError::Closure { joint: c.joint.clone(), source: c.source.clone() })
+            .or_else(|| model.closures().first().map(|c| DynamicsError::Loop { closure: c.name.clone() }));
+        let (bodies, waiting) = arrange(bodies, if flexible.is_some() { &mut [] } else { &mut carriers });
         let rigid = bodies.iter().map(|b| rigid_entries(&b.inertia)).collect();
         let mut outboard_dofs: Vec<usize> = bodies.iter().map(|b| b.hinge.nv()).collect();
         for (k, body) in bodies.iter().enumerate().rev() {
@@ -217,19 +242,29 @@ impl<C: Real> Layout<C> {
             branches,
             always_branches: false,
             gravity: Vec3::splat(model.gravity()),
+            flexible,
             nq: model.nq(),
             nv: model.nv(),
             joint_of_velocity,
             refused,
         }
     }
-    /// Number of moving bodies.
+    /// Number of moving bodies; zero if bodies are flexible, whose tree is kept apart.
     pub fn len(&self) -> usize {
         self.bodies.len()
     }
     /// True if nothing moves.
     pub fn is_empty(&self) -> bool {
-        self.bodies.is_empty()
+        self.bodies.is_empty() && self.flexible.is_none()
+    }
+    /// True if some body has modal coordinates.
+    pub fn is_flexible(&self) -> bool {
+        self.flexible.is_some()
+    }
+    /// The tree with flexible bodies.
+    #[inline(always)]
+    pub(crate) fn flexible(&self) -> Option<&FlexibleTree<C>> {
+        self.flexible.as_deref()
     }
     /// Number of bodies of the model.
     pub fn model_bodies(&self) -> usize {
@@ -252,6 +287,12 @@ impl<C: Real> Layout<C> {
         self.gravity = gravity;
         self
     }
+    /// The same layout without weight, modal stiffness and damping: what a product with the mass matrix needs.
+    pub(crate) fn inertial(mut self) -> Self {
+        self.gravity = Vec3::zero();
+        self.flexible = self.flexible.map(|tree| Box::new(tree.inertial()));
+        self
+    }
     /// The same layout cut into branches of at least `least` bodies, whatever its size. For tests: results do not change.
     #[doc(hidden)]
     pub fn with_branches(mut self, least: usize) -> Self {
@@ -272,7 +313,7 @@ impl<C: Real> Layout<C> {
         }
         self.branches.as_ref().map_or(0, count)
     }
-    /// The moving bodies, parents before children.
+    /// The moving bodies, parents before children; none if bodies are flexible.
     pub fn bodies(&self) -> &[LayoutBody<C>] {
         &self.bodies
     }
@@ -290,9 +331,24 @@ impl<C: Real> Layout<C> {
         let (joint, component) = self.joint_of_velocity[i].clone();
         DynamicsError::SingularHinge { joint, component, inertia }
     }
+    /// Why tree dynamics refuses the model, if it has closures that would be ignored.
+    pub fn refusal(&self) -> Option<&DynamicsError> {
+        self.refused.as_ref()
+    }
     /// Refuses models whose closures tree dynamics would ignore.
-    pub(crate) fn check_tree(&self) -> Result<(), DynamicsError> {
+    pub(crate) fn check_closures(&self) -> Result<(), DynamicsError> {
         self.refused.clone().map_or(Ok(()), Err)
+    }
+    /// Refuses models with flexible bodies, for an algorithm that knows none.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Flexible`].
+    #[inline(always)]
+    pub fn check_rigid(&self, algorithm: &'static str) -> Result<(), DynamicsError> {
+        match &self.flexible {
+            None => Ok(()),
+            Some(tree) => Err(DynamicsError::Flexible { body: tree.name.clone(), algorithm }),
+        }
     }
     /// Minus the user's external wrenches (one per body of the model, its frame), each at its carrier.
     pub(crate) fn gather_loads<T: Scalar<Constant = C>>(
@@ -320,12 +376,12 @@ kernel! {
     }
 }
 
-fn turn<C: Scalar>(frame: &Transform<C>, rotation: &Mat3<C>) -> Transform<C> {
+pub(crate) fn turn<C: Scalar>(frame: &Transform<C>, rotation: &Mat3<C>) -> Transform<C> {
     Transform::new(frame.rotation * *rotation, frame.translation)
 }
 
 /// The hinge of a joint and the rotation of the layout's joint frame against the user's.
-fn hinge_of<C: Real>(kind: &JointKind) -> (Hinge<C>, Mat3<C>) {
+pub(crate) fn hinge_of<C: Real>(kind: &JointKind) -> (Hinge<C>, Mat3<C>) {
     let hinge = match *kind {
         JointKind::Revolute { .. } | JointKind::Continuous { .. } => Hinge::Revolute,
         JointKind::Prismatic { .. } => Hinge::Prismatic,

@@ -15,6 +15,7 @@ use phipsi_spatial::{
 };
 
 mod articulated;
+mod compliance;
 mod quarter;
 
 /// Angles that cost less than others.

@@ -8,6 +8,7 @@
 
 use crate::columns::{Columns, Rows, WidePassage};
 use crate::error::{DynamicsError, check_length};
+use crate::flexible::Composite;
 use crate::hinge::Hinge;
 use crate::layout::Pending;
 use crate::layout::{GROUND, Layout, LayoutBody, Shifts};
@@ -43,6 +44,8 @@ pub struct MassMatrix<T: Scalar> {
     line: Vec<T::Arithmetic>,
     /// True if more than a third of M may differ from zero.
     dense: bool,
+    /// For a layout with flexible bodies.
+    flexible: Option<Box<Composite<T>>>,
 }
 
 impl<T: Scalar> MassMatrix<T> {
@@ -56,6 +59,7 @@ impl<T: Scalar> MassMatrix<T> {
             line: vec![T::Arithmetic::zero(); places.count],
             dense: 3 * places.pairs() > layout.nv() * layout.nv(),
             places,
+            flexible: layout.flexible().map(|tree| Box::new(Composite::new(tree))),
         }
     }
     /// The mass matrix, full and symmetric, by rows.
@@ -77,6 +81,9 @@ impl<T: Scalar> MassMatrix<T> {
         let nv = layout.nv();
         check_length("q", q, layout.nq())?;
         check_length("out", out, nv * nv)?;
+        if let Some(tree) = layout.flexible() {
+            return Composite::run_checked(&mut self.flexible, tree, nv, q, out);
+        }
         check_length("workspace", self.shifts.all(), layout.len())?;
         let (q, out) = (T::arithmetic(q), T::arithmetic_mut(out));
         T::Arithmetic::dispatch_wide(Sweep { work: self, layout, q, out });
@@ -133,7 +140,7 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
     #[inline(always)]
     fn run<W: Wide<T::Arithmetic>>(self) {
         let Sweep { work, layout, q, out } = self;
-        let MassMatrix { shifts, pending, places, columns, line, dense } = work;
+        let MassMatrix { shifts, pending, places, columns, line, dense, .. } = work;
         let mut columns = columns.rows();
         let mut matrix = Matrix { out, nv: layout.nv(), places, line, dense: *dense };
         if !matrix.dense {

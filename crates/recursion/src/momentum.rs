@@ -7,6 +7,7 @@
 
 use crate::energy::{CenterOfMass, Root};
 use crate::error::{DynamicsError, check_length};
+use crate::flexible::{FlexibleTree, NewtonEuler};
 use crate::hinge::{Axes, Hinge, combine};
 use crate::kernel::kernel;
 use crate::layout::Pending;
@@ -30,6 +31,7 @@ pub struct Momentum<T: Scalar> {
     velocity: Vec<Motion<T::Arithmetic>>,
     h: Vec<Wrench<T::Arithmetic>>,
     center: CenterOfMass<T>,
+    flexible: Option<Box<NewtonEuler<T>>>,
 }
 
 impl<T: Scalar> Momentum<T> {
@@ -40,6 +42,7 @@ impl<T: Scalar> Momentum<T> {
             velocity: vec![Motion::zero(); layout.len()],
             h: vec![Wrench::zero(); layout.len()],
             center: CenterOfMass::new(layout),
+            flexible: NewtonEuler::of(layout),
         }
     }
     /// Angular momentum about a point, then linear momentum; world axes; kg·m²/s, kg·m/s. `q`: nq, `v`: nv. Cost O(n), no
@@ -61,6 +64,9 @@ impl<T: Scalar> Momentum<T> {
         check_length("q", q, layout.nq())?;
         check_length("v", v, layout.nv())?;
         check_length("workspace", &self.velocity, layout.len())?;
+        if let Some(tree) = layout.flexible() {
+            return flexible_momentum(NewtonEuler::checked(&mut self.flexible, tree)?, tree, q, v, about);
+        }
         let (q, v) = (T::arithmetic(q), T::arithmetic(v));
         let [a, b, c, d, e, f] =
             T::Arithmetic::dispatch(Gather::<T> { work: self, layout, q, v, about }).to_array();
@@ -77,7 +83,7 @@ kernel! {
         v: &'a [T::Arithmetic],
         about: About<T>,
     } -> Wrench<T::Arithmetic> {
-        let Momentum { shifts, velocity, h, center } = work;
+        let Momentum { shifts, velocity, h, center, .. } = work;
         shifts.set_all(layout, q);
         for (k, body) in layout.bodies.iter().enumerate() {
             let joint = body.hinge.expand(&v[body.v..]);
@@ -100,6 +106,26 @@ kernel! {
         }
         total
     }
+}
+
+/// Momenta are taken about the first root, and moved from there.
+fn flexible_momentum<T: Scalar>(
+    work: &mut NewtonEuler<T>,
+    tree: &FlexibleTree<T::Constant>,
+    q: &[T],
+    v: &[T],
+    about: About<T>,
+) -> Result<Wrench<T>, DynamicsError> {
+    let root = work.reference(tree, q);
+    let h = work.momentum(tree, q, v, root);
+    let offset = match about {
+        About::Point(point) => point - root,
+        About::CenterOfMass => {
+            let (mass, Vec3([x, y, z])) = work.first_moment(tree, q, root);
+            Vec3([x / mass, y / mass, z / mass])
+        }
+    };
+    Ok(Wrench::new(h.moment - offset.cross(h.force), h.force))
 }
 
 /// The frame at the point with world axes, seen from a root's frame.
@@ -172,6 +198,7 @@ impl<T: Scalar> CentroidalMomentumMatrix<T> {
     /// # Errors
     /// [`DynamicsError::Shape`].
     pub fn run(&mut self, layout: &Layout<T::Constant>, q: &[T], out: &mut [T]) -> Result<(), DynamicsError> {
+        layout.check_rigid("centroidal_momentum_matrix")?;
         check_length("q", q, layout.nq())?;
         check_length("out", out, 6 * layout.nv())?;
         check_length("workspace", &self.R, layout.len())?;

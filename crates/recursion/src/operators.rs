@@ -140,6 +140,7 @@ impl<T: Real> Operators<T> {
     pub fn new(model: &Model, q: &[T]) -> Result<Self, DynamicsError> {
         check_length("q", q, model.nq())?;
         let layout = Layout::<T>::new(model);
+        layout.check_rigid("operators")?;
         let bodies: Vec<usize> = model.moving_joints().collect();
         let mut block_of = vec![None; model.len()];
         let mut carriers: Vec<Option<(usize, Transform<T>)>> = Vec::with_capacity(model.len());

@@ -35,7 +35,8 @@ pub(crate) struct Places {
 impl Places {
     /// For matrices of `T`.
     pub(crate) fn new<T: Scalar>(layout: &Layout<T::Constant>) -> Self {
-        let nv = layout.nv();
+        // Of flexible trees there are none: who needs places refuses them, or goes another way.
+        let nv = if layout.is_flexible() { 0 } else { layout.nv() };
         let count = (nv + T::COLUMNS - 1).next_multiple_of(T::COLUMNS.max(ROWS));
         let margin = count - nv;
         let stride = (count / T::COLUMNS / 2 * 2 + 1) * T::COLUMNS;

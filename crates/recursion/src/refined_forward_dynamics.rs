@@ -10,7 +10,7 @@ use crate::error::{DynamicsError, check_length};
 use crate::forward_dynamics::ForwardDynamics;
 use crate::inverse_dynamics::InverseDynamics;
 use crate::layout::Layout;
-use phipsi_spatial::{Scalar, Vec3, Wrench};
+use phipsi_spatial::{Scalar, Wrench};
 
 /// Workspace of refined forward dynamics.
 #[derive(Clone, Debug)]
@@ -30,7 +30,7 @@ impl<T: Scalar> RefinedForwardDynamics<T> {
         RefinedForwardDynamics {
             forward: ForwardDynamics::new(layout),
             inverse: InverseDynamics::new(layout),
-            weightless: layout.clone().with_gravity(Vec3::zero()),
+            weightless: layout.clone().inertial(),
             rest: zero.clone(),
             residual: zero.clone(),
             correction: zero,

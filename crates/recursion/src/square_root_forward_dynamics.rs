@@ -95,7 +95,8 @@ impl<T: Real> SquareRootForwardDynamics<T> {
         wrenches: Option<&[Wrench<T>]>,
         out: &mut [T],
     ) -> Result<(), DynamicsError> {
-        layout.check_tree()?;
+        layout.check_closures()?;
+        layout.check_rigid("square_root_forward_dynamics")?;
         check_length("q", q, layout.nq())?;
         check_length("v", v, layout.nv())?;
         check_length("tau", tau, layout.nv())?;

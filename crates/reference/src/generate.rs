@@ -147,7 +147,7 @@ fn drafts(random: &mut Random, limits: Limits) -> Vec<Draft> {
     drafts
 }
 
-fn joint_kind(random: &mut Random, root: bool) -> JointKind {
+pub(crate) fn joint_kind(random: &mut Random, root: bool) -> JointKind {
     if root && random.uniform() < 0.3 {
         return JointKind::Free;
     }
@@ -190,12 +190,12 @@ fn length(random: &mut Random, limits: Limits) -> f64 {
     10f64.powf(0.5 * limits.decades * random.signed())
 }
 
-fn general_placement(random: &mut Random, limits: Limits) -> Placement {
+pub(crate) fn general_placement(random: &mut Random, limits: Limits) -> Placement {
     let scale = length(random, limits);
     Placement { translation: direction(random).map(|x| scale * x), rotation: random.quaternion() }
 }
 
-fn placement(random: &mut Random, limits: Limits) -> Placement {
+pub(crate) fn placement(random: &mut Random, limits: Limits) -> Placement {
     let general = general_placement(random, limits);
     match random.below(6) {
         0 => Placement::IDENTITY,
@@ -206,7 +206,7 @@ fn placement(random: &mut Random, limits: Limits) -> Placement {
 }
 
 /// A brick somewhere near the body's origin.
-fn inertia(random: &mut Random, limits: Limits) -> Inertia {
+pub(crate) fn inertia(random: &mut Random, limits: Limits) -> Inertia {
     let mass = 10f64.powf(limits.decades * random.signed());
     let size = length(random, limits);
     let [a, b, c] = [0; 3].map(|_| size * (0.2 + 0.8 * random.uniform()));

@@ -1,7 +1,7 @@
 //! Poses, velocities and accelerations: derivatives of poses that are functions of time.
 
 use crate::jet::Jet;
-use phipsi_model::{JointKind, Model};
+use phipsi_model::{JointKind, Model, Node};
 use phipsi_spatial::{Mat3, Motion, Real, Transform, Vec3};
 
 /// How a body is placed and moves; world axes.
@@ -31,8 +31,14 @@ impl<T: Real> BodyMotion<T> {
     }
 }
 
-/// Every body's motion for `q` (nq), velocities `v` and accelerations `a` (nv); no gravity.
+/// Every body's motion for `q` (nq), velocities `v` and accelerations `a` (nv); no gravity. A flexible body's is that of its
+/// floating frame.
 pub fn kinematics<T: Real>(model: &Model, q: &[T], v: &[T], a: &[T]) -> Vec<BodyMotion<T>> {
+    poses(model, q, v, a).iter().map(Pose::motion).collect()
+}
+
+/// Poses of all bodies as functions of time.
+pub(crate) fn poses<T: Real>(model: &Model, q: &[T], v: &[T], a: &[T]) -> Vec<Pose<T>> {
     let mut poses: Vec<Pose<T>> = Vec::with_capacity(model.len());
     for k in 0..model.len() {
         let joint = &model.joints()[k];
@@ -42,35 +48,84 @@ pub fn kinematics<T: Real>(model: &Model, q: &[T], v: &[T], a: &[T]) -> Vec<Body
             rotation: quaternion_rotation(joint.placement.rotation.map(|x| Jet::constant(T::splat(x)))),
             origin: joint.placement.translation.map(|x| Jet::constant(T::splat(x))),
         };
-        let inner = placed.compose(&moved);
+        let mut inner = placed.compose(&moved);
+        if let (Some(node), Some(p)) = (model.attachment(k), model.tree().parent(k)) {
+            inner = node_pose(node, &modal_coordinates(model, p, q, v, a)).compose(&inner);
+        }
+        let held = model.bodies()[k].flexible.as_ref().and_then(|b| Some(&b.nodes[b.inboard_node()?]));
+        if let Some(node) = held {
+            inner = inner.compose(&node_pose(node, &modal_coordinates(model, k, q, v, a)).inverse());
+        }
         poses.push(match model.tree().parent(k) {
             Some(p) => poses[p].compose(&inner),
             None => inner,
         });
     }
-    poses.iter().map(Pose::motion).collect()
+    poses
+}
+
+/// η of a body as functions of time.
+pub(crate) fn modal_coordinates<T: Real>(model: &Model, k: usize, q: &[T], v: &[T], a: &[T]) -> Vec<Jet<T>> {
+    let rates = model.mode_v_range(k).map(|i| (v[i], a[i]));
+    q[model.mode_q_range(k)].iter().zip(rates).map(|(q, (v, a))| Jet::new(*q, v, a)).collect()
+}
+
+/// Σ x_l of vectors ψ_l.
+pub(crate) fn combination<T: Real>(vectors: &[[f64; 3]], x: &[Jet<T>]) -> [Jet<T>; 3] {
+    let zero = Jet::constant(T::zero());
+    [0, 1, 2].map(|i| vectors.iter().zip(x).fold(zero, |sum, (psi, x)| sum + x.scale(T::splat(psi[i]))))
+}
+
+/// Pose of a node in its body's floating frame: the rotation is the power series of exp(θ~).
+pub(crate) fn node_pose<T: Real>(node: &Node, eta: &[Jet<T>]) -> Pose<T> {
+    let n = eta.len();
+    let mut origin = combination(&node.displacement, eta);
+    if let Some(quadratic) = &node.quadratic {
+        let pairs: Vec<Jet<T>> = (0..n * n).map(|x| (eta[x / n] * eta[x % n]).scale(T::splat(0.5))).collect();
+        let second = combination(quadratic, &pairs);
+        origin = [0, 1, 2].map(|i| origin[i] + second[i]);
+    }
+    let origin = [0, 1, 2].map(|i| origin[i] + Jet::constant(T::splat(node.position[i])));
+    let zero = Jet::constant(T::zero());
+    let [x, y, z] = combination(&node.rotation, eta);
+    let theta = [[zero, zero - z, y], [z, zero, zero - x], [zero - y, x, zero]];
+    let mut power = constant_matrix(&Mat3::identity());
+    let mut rotation = power;
+    for k in 1..50 {
+        let scale = T::splat(f64::from(k)).recip();
+        power = product(&power, &theta).map(|row| row.map(|x| x.scale(scale)));
+        rotation = [0, 1, 2].map(|i| [0, 1, 2].map(|j| rotation[i][j] + power[i][j]));
+    }
+    Pose { rotation, origin }
 }
 
 /// A pose that changes with time.
 #[derive(Clone, Copy)]
-struct Pose<T> {
+pub(crate) struct Pose<T> {
     rotation: Matrix<T>,
-    origin: [Jet<T>; 3],
+    pub(crate) origin: [Jet<T>; 3],
 }
 
 type Matrix<T> = [[Jet<T>; 3]; 3];
 
 impl<T: Real> Pose<T> {
     fn compose(&self, inner: &Self) -> Self {
-        let o = turn(&self.rotation, &inner.origin);
-        Pose {
-            rotation: product(&self.rotation, &inner.rotation),
-            origin: [0, 1, 2].map(|i| self.origin[i] + o[i]),
-        }
+        Pose { rotation: product(&self.rotation, &inner.rotation), origin: self.point(&inner.origin) }
+    }
+    fn inverse(&self) -> Self {
+        let zero = Jet::constant(T::zero());
+        let rotation = [0, 1, 2].map(|i| [0, 1, 2].map(|j| self.rotation[j][i]));
+        let origin = turn(&rotation, &self.origin).map(|x| zero - x);
+        Pose { rotation, origin }
+    }
+    /// A point of the frame in the world.
+    pub(crate) fn point(&self, x: &[Jet<T>; 3]) -> [Jet<T>; 3] {
+        let turned = turn(&self.rotation, x);
+        [0, 1, 2].map(|i| self.origin[i] + turned[i])
     }
 
     /// ω~ = Ṙ Rᵀ and its derivative R̈ Rᵀ + Ṙ Ṙᵀ.
-    fn motion(&self) -> BodyMotion<T> {
+    pub(crate) fn motion(&self) -> BodyMotion<T> {
         let entries = |f: fn(&Jet<T>) -> T| Mat3(self.rotation.map(|row| row.map(|x| f(&x))));
         let (r, rate, second) = (entries(|x| x.value), entries(|x| x.rate), entries(|x| x.second));
         let omega = rate * r.transpose();

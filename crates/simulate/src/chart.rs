@@ -22,6 +22,8 @@ pub struct Chart {
     /// Logarithmic y axis; exact zeros (and a few values far below all others) are drawn in a strip below it, negative
     /// values leave gaps.
     pub log_y: bool,
+    /// Logarithmic x axis; points are then few and each of them is marked.
+    pub log_x: bool,
     /// The curves.
     pub series: Vec<Series>,
 }
@@ -81,6 +83,9 @@ impl Chart {
         let mut ends = Vec::new();
         for (i, series) in self.series.iter().enumerate() {
             ends.extend(frame.write_series(series, i, self.series.len(), id, &mut out).map(|y| (y, i)));
+            if self.log_x {
+                frame.write_dots(series, i, &mut out);
+            }
         }
         if self.series.len() > COLORS.len() {
             frame.write_end_numbers(ends, &mut out);
@@ -130,9 +135,12 @@ impl Frame {
         let values = finite().map(|p| p.1);
         let y = if chart.log_y { Axis::logarithmic(values) } else { Axis::linear(values, 5, true) };
         let mut count = 7;
-        let mut x = Axis::linear(finite().map(|p| p.0), count, false);
+        let mut x = match chart.log_x {
+            true => Axis::logarithmic(finite().map(|p| p.0)),
+            false => Axis::linear(finite().map(|p| p.0), count, false),
+        };
         // Labels of x need room beside each other.
-        while count > 2 && widest(&x) + 1.5 > 46.0 / x.ticks.len().max(1) as f64 {
+        while !chart.log_x && count > 2 && widest(&x) + 1.5 > 46.0 / x.ticks.len().max(1) as f64 {
             count -= 1;
             x = Axis::linear(finite().map(|p| p.0), count, false);
         }
@@ -162,6 +170,9 @@ impl Frame {
         };
         for place in &self.y.minor {
             line(out, "axis", "#999", [left - 3.0, self.up(*place), left, self.up(*place)]);
+        }
+        for place in &self.x.minor {
+            line(out, "axis", "#999", [self.across(*place), bottom, self.across(*place), bottom + 3.0]);
         }
         for (place, text) in &self.y.ticks {
             let y = self.up(*place);
@@ -215,6 +226,22 @@ impl Frame {
         out.push_str(r#"<use stroke-width="10" visibility="hidden" pointer-events="stroke""#);
         let _ = write!(out, r##" href="#{id}s{i}"/></g>"##);
         points.iter().rev().find(|p| is_finite(p)).map(|p| p.1)
+    }
+
+    /// Marks every point of a curve.
+    fn write_dots(&self, series: &Series, i: usize, out: &mut String) {
+        let mut d = String::new();
+        for (x, y) in &series.points {
+            if let (Some(a), Some(b)) = (self.x.place(*x), self.y.place(*y)) {
+                let _ = write!(d, "M{:.1} {:.1}h0", self.across(a), self.up(b));
+            }
+        }
+        // Strokes of length 0 with round ends are dots.
+        let _ = write!(
+            out,
+            r#"<path {} fill="none" stroke-width="5" stroke-linecap="round" d="{d}"/>"#,
+            stroke(i)
+        );
     }
 
     /// Numbers of the curves at their ends, moved apart where they would overlap.
@@ -332,6 +359,7 @@ mod tests {
             x_label: "time, s".into(),
             y_label: "rad".into(),
             log_y,
+            log_x: false,
             series: curves.into_iter().enumerate().map(series).collect(),
         }
     }
@@ -363,6 +391,15 @@ mod tests {
         assert!(checked(&chart(true, vec![vec![(0.0, -1.0), (1.0, 2.0)]])).contains("1 negative"));
         checked(&chart(false, vec![vec![(0.0, 3.0), (1.0, 3.0)]]));
         checked(&chart(false, vec![vec![(f64::MAX, f64::MAX), (-f64::MAX, -f64::MAX)]]));
+    }
+
+    #[test]
+    fn a_chart_with_two_logarithmic_axes_marks_its_points() {
+        let points = vec![(1e-3, 1e-2), (1e-2, 1e-5), (0.0, 0.0), (f64::NAN, 1.0), (1.0, 1e-12)];
+        let chart = Chart { log_x: true, x_label: "wall time, s".into(), ..chart(true, vec![points]) };
+        let svg = checked(&chart);
+        assert_eq!(svg.matches("h0").count(), 4, "{svg}");
+        assert!(svg.contains("10⁻³") && svg.contains("10⁻¹²"), "{svg}");
     }
 
     #[test]

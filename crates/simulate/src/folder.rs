@@ -333,7 +333,7 @@ impl Observer for Recorder<'_> {
 }
 
 /// Takes a folder that is empty or does not exist.
-fn claim(path: &Path) -> Result<(), SimulateError> {
+pub(crate) fn claim(path: &Path) -> Result<(), SimulateError> {
     let failed = |e| SimulateError::file(path, e);
     std::fs::create_dir_all(path).map_err(failed)?;
     if std::fs::read_dir(path).map_err(failed)?.next().is_some() {
@@ -344,7 +344,7 @@ fn claim(path: &Path) -> Result<(), SimulateError> {
 }
 
 /// Makes the first of `parent/stem-001`, `parent/stem-002` … that does not exist.
-fn next_free(parent: &Path, stem: &str) -> Result<PathBuf, SimulateError> {
+pub(crate) fn next_free(parent: &Path, stem: &str) -> Result<PathBuf, SimulateError> {
     std::fs::create_dir_all(parent).map_err(|e| SimulateError::file(parent, e))?;
     for n in 1..100_000 {
         let path = parent.join(format!("{stem}-{n:03}"));

@@ -14,10 +14,12 @@ pub mod molecule;
 pub mod output;
 pub mod page;
 pub mod record;
+pub mod report;
 pub mod run;
 pub mod run_page;
 pub mod scene;
 pub mod simulation;
+pub mod stiffness;
 
 pub use error::SimulateError;
 pub use output::{Output, Quantity};

@@ -140,6 +140,7 @@ mod tests {
             x_label: NASTY.into(),
             y_label: NASTY.into(),
             log_y: false,
+            log_x: false,
             series: vec![series.clone(), series],
         };
         let body = DrawnBody { name: NASTY.into(), joint: NASTY.into(), ..DrawnBody::default() };

@@ -6,8 +6,8 @@ use crate::record::{LimitPassed, Observer, Row, StepRecord};
 use crate::simulation::Simulation;
 use phipsi_model::Model;
 use phipsi_motion::{
-    Balance, Conserved, Dynamics, ErrorEstimate, JudgedRun, Method, MotionError, Scheme, StepError, Stepper,
-    StepperState, System, balance, estimate_error,
+    Balance, Conserved, Dynamics, ErrorEstimate, JudgedRun, Linearization, Method, MotionError, Scheme,
+    StepError, Stepper, StepperState, System, balance, estimate_error,
 };
 use phipsi_recursion::{DynamicsError, Kinematics};
 use serde::{Deserialize, Serialize};
@@ -426,6 +426,19 @@ impl System for Watched<'_> {
             return Err(MotionError::Force(phipsi_motion::ForceError { force: "run".into(), t, message }));
         }
         self.dynamics.derivative(t, q, v, aux, v_dot, aux_dot)
+    }
+    fn is_autonomous(&self) -> bool {
+        self.dynamics.is_autonomous()
+    }
+    fn linearize(
+        &mut self,
+        t: f64,
+        q: &[f64],
+        v: &[f64],
+        aux: &[f64],
+        out: &mut Linearization,
+    ) -> Result<u64, MotionError> {
+        self.dynamics.linearize(t, q, v, aux, out)
     }
 }
 

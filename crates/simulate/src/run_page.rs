@@ -63,6 +63,7 @@ fn charts(simulation: &Simulation, columns: &Columns, rows: &[Row], steps: &[Ste
         x_label: format!("time, {time}"),
         y_label: y_label.into(),
         log_y,
+        log_x: false,
         series,
     };
     let of = |name: &str, value: &dyn Fn(&Row) -> f64| Series {

@@ -7,11 +7,11 @@
 //! |---|---|
 //! | `[model]` | `urdf` (relative to the scene), `base` = "fixed" or "free", `gravity`, `mimic` = "closure" or "free", `friction_speed` |
 //! | `[molecule]` | instead of a model: `pdb`, `system` (OpenMM's XML), `rigid` = kinds of bonds, `hinges`, `groups`, `temperature_K`, `seed`, `minimize`, `ignore`; times in ps, `step_fs` |
-//! | `[[body]]` | `name`, `inertial` = { `origin`, `mass`, `inertia` = { `ixx` … } }: the URDF's words |
-//! | `[[joint]]` | `name`, `type`, `parent`, `child`, `origin` = { `xyz`, `rpy` }, `axis`, `axis2`, `pitch`, `limit`, `dynamics`, `mimic` |
+//! | `[[body]]` | `name`, `inertial` = { `origin`, `mass`, `inertia` = { `ixx` … } }: the URDF's words; or `flexible` = a beam, see below |
+//! | `[[joint]]` | `name`, `type`, `parent`, `child`, `origin` = { `xyz`, `rpy` }, `axis`, `axis2`, `pitch`, `limit`, `dynamics`, `mimic`, `node` of a flexible parent |
 //! | `[initial]` | `q.JOINT`, `v.JOINT`: a number, or a list for joints with several coordinates; others are neutral |
 //! | `[[force]]` | `kind` with its parameters, see below; `name` |
-//! | `[integrator]` | `t_end`; `method` = "auto", "dop853", "tsit5" with `rtol`, `atol`, `max_step`, or "rk4", "midpoint" with `step`; `estimate`; `form` of forward dynamics |
+//! | `[integrator]` | `t_end`; `method` = "auto", "dop853", "tsit5", "rodas4", "rodas5p" with `rtol`, `atol`, `max_step`, or "rk4", "midpoint" with `step`; `estimate`; `form` of forward dynamics |
 //! | `[record]` | `every`, s; `checkpoint_s`, wall time between checkpoints (2; 0: after every step) |
 //! | `[outputs]` | NAME = { … }, see below |
 //! | `[reference]` | `source`, NAME = known value of an output at the end |
@@ -22,9 +22,14 @@
 //! `moment`, `force`). `value`, `target` and the components of `moment` and `force` are functions of time: a number, an
 //! expression in t such as "0.3*sin(2*pi*t)", or a table [[time, value], …].
 //!
+//! Beams: `length`, `mass_per_length`, `bending_stiffness` = [along y, along z], `torsional_stiffness`, `polar_inertia`,
+//! `axial_stiffness`, `bending` = [modes along y, along z], `torsion`, `axial`, `modes` = "interface", "clamped_free" or "pinned",
+//! `stiffened`, `damping` (C = damping K, s), `nodes` = [{ `name`, `x` }] besides `tip`, `held_at`.
+//!
 //! Outputs: `joint` (with `component`, `of` = "q" or "v"), `joints` (a sum, with `factors`), `body` with `point`, `axis` and
 //! `of` = "position" or "velocity", `body_a` … `point_b` (a distance), `energy` = "kinetic", "potential" or "total".
 
+mod flexible;
 mod force;
 mod mechanism;
 mod molecule;
@@ -34,7 +39,7 @@ mod signal;
 mod tree;
 
 use crate::error::SimulateError;
-use crate::simulation::Simulation;
+use crate::simulation::{Choice, Simulation};
 use phipsi_formats::{Note, Problem, Report};
 use phipsi_model::State;
 use phipsi_motion::Scheme;
@@ -57,6 +62,8 @@ pub struct Scene {
     pub files: Vec<SceneFile>,
     /// Wall time between checkpoints, s.
     pub checkpoint_s: f64,
+    /// Keys of `[integrator]` that the scene and its overrides have.
+    pub integrator_keys: Vec<String>,
     /// Report on the scene, then on each file.
     pub reports: Vec<Report>,
 }
@@ -115,9 +122,9 @@ pub fn parse(
 ) -> Result<Scene, SimulateError> {
     let mut report = Report::new(source);
     let read = read(&text, name, folder, overrides, &mut report);
-    let (simulation, files, checkpoint_s, mut reports) = match read {
-        Ok((simulation, files, checkpoint_s, reports)) if report.errors.is_empty() => {
-            (simulation, files, checkpoint_s, reports)
+    let (simulation, files, (checkpoint_s, integrator_keys), mut reports) = match read {
+        Ok((simulation, files, rest, reports)) if report.errors.is_empty() => {
+            (simulation, files, rest, reports)
         }
         Ok((.., mut reports)) | Err(mut reports) => {
             reports.insert(0, report);
@@ -125,10 +132,11 @@ pub fn parse(
         }
     };
     reports.insert(0, report);
-    Ok(Scene { simulation, text, overrides: overrides.to_vec(), files, checkpoint_s, reports })
+    let overrides = overrides.to_vec();
+    Ok(Scene { simulation, text, overrides, files, checkpoint_s, integrator_keys, reports })
 }
 
-type Read = (Simulation, Vec<SceneFile>, f64, Vec<Report>);
+type Read = (Simulation, Vec<SceneFile>, (f64, Vec<String>), Vec<Report>);
 
 fn read(
     text: &str,
@@ -216,8 +224,11 @@ fn read(
         report.warnings.push(warning);
     }
     simulation.every = every;
+    if settings.automatic {
+        simulation.choice = Choice::settled(&mut simulation);
+    }
     simulation.outputs = outputs;
     simulation.known = known;
     simulation.known_source = known_source;
-    Ok((simulation, files, checkpoint_s, reports))
+    Ok((simulation, files, (checkpoint_s, settings.keys), reports))
 }

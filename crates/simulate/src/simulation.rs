@@ -43,6 +43,11 @@ impl Choice {
             Choice { method: Method::Dop853.into(), why }
         }
     }
+    /// The method that the user left to the program, after a look at how it steps: [`crate::stiffness`].
+    pub(crate) fn settled(simulation: &mut Simulation) -> Self {
+        let explicit = simulation.choice.clone();
+        crate::stiffness::look(simulation).unwrap_or(explicit)
+    }
     /// A method that the user asked for.
     pub fn asked(method: impl Into<Scheme>) -> Self {
         Choice { method: method.into(), why: "asked for".into() }
@@ -55,6 +60,8 @@ pub fn method_name(method: Scheme) -> &'static str {
         Scheme::Explicit(Method::Dop853) => "dop853",
         Scheme::Explicit(Method::Tsit5) => "tsit5",
         Scheme::Explicit(Method::Rk4 { .. }) => "rk4",
+        Scheme::Explicit(Method::Rodas4) => "rodas4",
+        Scheme::Explicit(Method::Rodas5p) => "rodas5p",
         Scheme::Midpoint { .. } => "midpoint",
     }
 }

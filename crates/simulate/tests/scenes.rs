@@ -308,3 +308,59 @@ fn a_heavy_tip_gets_the_square_root_form() {
     assert_eq!(name, "square_root", "{why}");
     assert!(why.contains("of the plain form"), "{why}");
 }
+
+const BOOM: &str = r#"
+title = "boom"
+[[body]]
+name = "boom"
+flexible = { length = 1, mass_per_length = 1, bending_stiffness = [30, 20], bending = [1, 1], stiffened = true }
+[[body]]
+name = "camera"
+inertial = { mass = 0.2, origin = { xyz = [0.1, 0, 0] }, inertia = { ixx = 1e-3, iyy = 1e-3, izz = 1e-3 } }
+[[joint]]
+name = "root"
+type = "continuous"
+parent = "world"
+child = "boom"
+axis = [0, 1, 0]
+[[joint]]
+name = "mount"
+type = "fixed"
+parent = "boom"
+node = "tip"
+child = "camera"
+[integrator]
+t_end = 0.5
+rtol = 1e-10
+[outputs]
+height = { body = "camera", axis = "z" }
+energy = { energy = "total" }
+"#;
+
+/// A boom with a camera swings under gravity, with its energy.
+#[test]
+fn a_flexible_boom_swings() {
+    let mut scene = scene(BOOM).unwrap();
+    let mut recording = Recording::default();
+    let summary = run(&mut scene.simulation, &mut recording).unwrap();
+    let value = |name: &str| summary.outputs.iter().find(|(n, _)| n == name).unwrap().1;
+    assert_eq!(summary.q.len(), 1 + 2 * 3);
+    // It starts straight and at rest on the height of its joint.
+    assert!(value("energy").abs() < 1e-8, "{}", value("energy"));
+    assert!(value("height") < -0.5, "{}", value("height"));
+    assert!(summary.q[1..].iter().any(|x| x.abs() > 1e-4), "{:?}", summary.q);
+}
+
+#[test]
+fn mistakes_in_flexible_bodies_are_named() {
+    let error = |old: &str, new: &str| {
+        assert!(BOOM.contains(old));
+        let found = errors(&BOOM.replace(old, new));
+        assert_eq!(found.len(), 1, "{found:?}");
+        format!("{} {} {} {}", found[0].place, found[0].found, found[0].required, found[0].remedy)
+    };
+    assert!(error("node = \"tip\"", "node = \"end\"").contains("no node `end`"));
+    assert!(error("mass_per_length = 1,", "").contains("mass_per_length"));
+    assert!(error("bending = [1, 1]", "bending = [1.5, 1]").contains("whole numbers"));
+    assert!(error("stiffened = true", "stifened = true").contains("stiffened"));
+}

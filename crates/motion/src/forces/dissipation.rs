@@ -1,7 +1,10 @@
 //! Damping and dry friction of the model's joints (URDF `dynamics`).
 
 use crate::force::{Force, ForceError, Loads, Situation, acts_on_base};
+use crate::force_rates::LoadRates;
+use crate::wide::{WideLoads, WideSituation};
 use phipsi_model::Model;
+use phipsi_spatial::Dd;
 
 /// τ = −c v − f tanh(v/s) at every degree of freedom of the joints that have damping c or friction f.
 ///
@@ -53,6 +56,22 @@ pub fn passive_forces(model: &Model, v: &[f64]) -> Vec<f64> {
 impl Force for JointDissipation {
     fn name(&self) -> &str {
         "joint damping and friction"
+    }
+    fn is_autonomous(&self) -> bool {
+        true
+    }
+    fn add_rates(&mut self, at: &Situation<'_>, rates: &mut LoadRates<'_>) -> bool {
+        for &(i, damping, friction) in &self.terms {
+            let creep = (at.v[i] / self.speed).tanh();
+            rates.d_dv[i * rates.nv + i] -= damping + friction * (1.0 - creep * creep) / self.speed;
+        }
+        true
+    }
+    fn add_wide(&self, at: &WideSituation<'_>, loads: &mut WideLoads<'_>) -> bool {
+        for &(i, damping, _) in &self.terms {
+            loads.tau[i] -= Dd::from_f64(damping) * at.v[i];
+        }
+        !self.has_friction()
     }
     fn is_external(&self, model: &Model) -> bool {
         self.terms.iter().any(|t| acts_on_base(model, t.0))

@@ -1,8 +1,10 @@
 //! A wrench on a body as a function of time.
 
 use crate::force::{Force, ForceError, Loads, Needs, Situation};
+use crate::force_rates::LoadRates;
 use crate::signal::Signal;
-use phipsi_spatial::{Vec3, Wrench};
+use crate::wide::{WideLoads, WideSituation};
+use phipsi_spatial::{Dd, Vec3, Wrench};
 
 /// The axes in which a wrench is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,6 +53,43 @@ impl Force for BodyWrench {
         wrench.moment += self.point.cross(wrench.force);
         loads.wrenches[self.body] += wrench;
         Ok(())
+    }
+    fn is_autonomous(&self) -> bool {
+        self.components.iter().all(|c| matches!(c, Signal::Constant(_)))
+    }
+    fn add_rates(&mut self, at: &Situation<'_>, rates: &mut LoadRates<'_>) -> bool {
+        if self.axes == WrenchAxes::Body {
+            return true;
+        }
+        let LoadRates { d_dq, nv, points: [p, _], .. } = rates;
+        if !p.set(at, Some(self.body), self.point) {
+            return false;
+        }
+        let six = [0, 1, 2, 3, 4, 5].map(|i| self.components[i].value(at.t));
+        let wrench = Wrench::from_array(six);
+        for j in 0..*nv {
+            let turn = p.angular(j);
+            let (moment, force) = (turn.cross(wrench.moment), turn.cross(wrench.force));
+            for i in 0..*nv {
+                d_dq[i * *nv + j] -= p.angular(i).dot(moment) + p.linear(i).dot(force);
+            }
+        }
+        true
+    }
+    fn add_wide(&self, at: &WideSituation<'_>, loads: &mut WideLoads<'_>) -> bool {
+        let mut six = [0.0; 6];
+        for (value, signal) in six.iter_mut().zip(&self.components) {
+            let Signal::Constant(x) = signal else { return false };
+            *value = *x;
+        }
+        let mut wrench = Wrench::from_array(six.map(Dd::from_f64));
+        if self.axes == WrenchAxes::World {
+            let r = at.pose(Some(self.body)).rotation;
+            wrench = Wrench::new(r.transpose_mul(wrench.moment), r.transpose_mul(wrench.force));
+        }
+        wrench.moment += Vec3(self.point.0.map(Dd::from_f64)).cross(wrench.force);
+        loads.wrenches[self.body] += wrench;
+        true
     }
     fn breaks(&self) -> Vec<f64> {
         self.components.iter().flat_map(Signal::breaks).collect()

@@ -10,11 +10,14 @@ kJ/mol: ``phipsi.molecule``. Operators of the algebra: ``phipsi.operators``.
 
 from . import interop, molecule
 from ._native import (
+    AssemblyInfo,
     ForwardInfo,
+    InverseKinematicsInfo,
     Model,
     Note,
     Operator,
     Operators,
+    OperationalSpaceInfo,
     Problem,
     Report,
     RunError,
@@ -31,14 +34,17 @@ from .state import State
 __all__ = [
     "ArgumentError",
     "ArgumentTypeError",
+    "AssemblyInfo",
     "Error",
     "ForwardInfo",
+    "InverseKinematicsInfo",
     "Model",
     "ModelError",
     "Note",
     "NumericalError",
     "Operator",
     "Operators",
+    "OperationalSpaceInfo",
     "Problem",
     "Report",
     "RunError",

@@ -74,6 +74,11 @@ on_layout! {
     /// Inputs q; result the centroidal momentum matrix, 6×nv.
     CentroidalMomentumMatrix: crate::CentroidalMomentumMatrix<T>,
         |layout, work, inputs, out| work.run(layout, &inputs[0], out);
+    /// Inputs q; result ∂ ln det M/∂q.
+    LogDeterminantGradient: crate::LogDeterminantGradient<T>,
+        |layout, work, inputs, out| work.run(layout, &inputs[0], out);
+    /// Inputs q; result Υ of every body of the model, 6×6 each.
+    Upsilon: crate::Upsilon<T>, |layout, work, inputs, out| work.run(layout, &inputs[0], out);
 }
 
 #[inline(always)]
@@ -145,6 +150,11 @@ loaded! {
     InverseDynamicsDerivatives, |work, layout, q, v, a, wrenches, out| {
         let [d_dq, d_dv, d_da] = thirds(out);
         work.run(layout, q, v, a, wrenches, d_dq, d_dv, d_da)
+    };
+    /// Inputs q, v, τ, wrenches; results A, 2nv×2nv, and B, 2nv×nv.
+    Linearization, |work, layout, q, v, tau, wrenches, out| {
+        let (a, b) = out.split_at_mut(4 * layout.nv() * layout.nv());
+        work.run(layout, q, v, tau, wrenches, a, b)
     };
 }
 

@@ -235,6 +235,17 @@ impl<T: Scalar> Passage<'_, T> {
             None => self.body.link.articulated_to_parent(self.shift, P),
         }
     }
+    /// φ* Y φ of a compliance whose halves are exchanged ([`crate::upsilon::Compliance`]).
+    #[inline(always)]
+    pub(crate) fn compliance_to_child(
+        &self,
+        Y: &phipsi_spatial::ArticulatedInertia<T>,
+    ) -> phipsi_spatial::ArticulatedInertia<T> {
+        match self.general {
+            Some(x) => x.inverse().articulated_to_parent(Y),
+            None => self.body.link.compliance_to_child(self.shift, Y),
+        }
+    }
     /// φ M φ* + `own`.
     #[inline(always)]
     pub(crate) fn rigid_onto_parent(&self, M: &RigidInertia<T>, own: &RigidInertia<T>) -> RigidInertia<T> {

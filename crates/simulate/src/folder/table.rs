@@ -127,6 +127,7 @@ fn component_names(
             names.extend(suffixes(&joint.kind).iter().map(|s| format!("{}.{s}", joint.name)));
         }
     }
+    names.extend(model.mode_names());
     names
 }
 

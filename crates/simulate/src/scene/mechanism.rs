@@ -1,6 +1,7 @@
 //! The mechanism of a scene: a URDF file, bodies and joints written in the scene, or both.
 
 use super::SceneFile;
+use super::flexible::read_flexible;
 use super::molecule::MoleculeScene;
 use super::tree::{Table, Value, suggestion};
 use phipsi_formats::urdf::{Mimic, UrdfOptions, urdf_builder_file};
@@ -77,6 +78,7 @@ pub(crate) fn read(
         table.finish(report);
     }
     for mut table in scene.tables("joint", report) {
+        let node = table.text("node", report);
         if let Some((joint, parent, child, coupling)) = read_joint(&mut table, report) {
             lines.insert(format!("joint `{}`", joint.name), table.line);
             if let Some(coupling) = coupling {
@@ -88,7 +90,10 @@ pub(crate) fn read(
                     builder = builder.coupling(coupling);
                 }
             }
-            builder = builder.joint(joint, parent, child);
+            builder = match node {
+                Some(node) => builder.joint_at_node(joint, parent, node, child),
+                None => builder.joint(joint, parent, child),
+            };
         }
         table.finish(report);
     }
@@ -138,6 +143,18 @@ fn read_body(table: &mut Table<'_>, report: &mut Report) -> Option<Body> {
     if let Some(name) = name {
         table.place = format!("body `{name}`");
     }
+    let flexible = match table.table("flexible", report) {
+        None => None,
+        Some(mut flexible) => {
+            let body = read_flexible(&mut flexible, report);
+            flexible.finish(report);
+            if table.has("inertial") {
+                let remedy = "remove `inertial`; a payload is a body of its own on a fixed joint";
+                table.error(None, report, "`inertial` of a flexible body", "one of the two", remedy);
+            }
+            Some(body)
+        }
+    };
     let inertia = match table.table("inertial", report) {
         None => Inertia::ZERO,
         Some(mut inertial) => {
@@ -155,7 +172,10 @@ fn read_body(table: &mut Table<'_>, report: &mut Report) -> Option<Body> {
             Inertia { mass, frame, tensor }
         }
     };
-    Some(Body::new(name?, inertia))
+    match flexible {
+        None => Some(Body::new(name?, inertia)),
+        Some(flexible) => Some(Body::flexible(name?, flexible?)),
+    }
 }
 
 type ReadJoint<'a> = (Joint, &'a str, &'a str, Option<Coupling>);

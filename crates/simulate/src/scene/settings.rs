@@ -15,6 +15,10 @@ pub(crate) struct IntegratorSettings {
     pub(crate) t_end: f64,
     pub(crate) estimate: bool,
     pub(crate) form: Form,
+    /// True where the method was left to the program.
+    pub(crate) automatic: bool,
+    /// The keys that are there.
+    pub(crate) keys: Vec<String>,
 }
 
 /// Start: a given state with the joints that `[initial]` names.
@@ -116,9 +120,10 @@ pub(crate) fn integrator(
     let what = if molecule { "the end of the simulation, ps" } else { "the end of the simulation, s" };
     scene.required("integrator", report, "a table with t_end")?;
     let mut table = scene.table("integrator", report)?;
+    let keys = table.rest().map(|e| e.key.clone()).collect();
     table.required("t_end", report, what);
     let t_end = table.positive("t_end", false, report);
-    let words = ["auto", "dop853", "tsit5", "rk4", "midpoint"];
+    let words = ["auto", "dop853", "tsit5", "rodas4", "rodas5p", "rk4", "midpoint"];
     let word = match table.word("method", &words, report).unwrap_or("auto") {
         "auto" if molecule => "midpoint",
         word => word,
@@ -172,6 +177,8 @@ pub(crate) fn integrator(
         }
         ("dop853", None) => Choice::asked(Method::Dop853),
         ("tsit5", None) => Choice::asked(Method::Tsit5),
+        ("rodas4", None) => Choice::asked(Method::Rodas4),
+        ("rodas5p", None) => Choice::asked(Method::Rodas5p),
         _ => Choice::automatic(tolerances, breaks),
     };
     if word == "midpoint" && asked.is_some() {
@@ -200,7 +207,15 @@ pub(crate) fn integrator(
     }
     table.finish(report);
     let form = asked.unwrap_or_default();
-    Some(IntegratorSettings { choice, tolerances, t_end: t_end?, estimate, form })
+    Some(IntegratorSettings {
+        choice,
+        tolerances,
+        t_end: t_end?,
+        estimate,
+        form,
+        automatic: word == "auto",
+        keys,
+    })
 }
 
 /// Most samples of a run.

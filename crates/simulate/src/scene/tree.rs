@@ -147,7 +147,8 @@ fn node(value: Spanned<DeValue<'_>>, line: LineOf<'_>) -> Node {
 
 /// Puts `key=value` of the command line into the tree; `value` is TOML, or else a text.
 ///
-/// Segments of the key are separated by dots; the position in a list is counted from 0: `force.0.stiffness=3`.
+/// Segments of the key are separated by dots; the position in a list is counted from 0: `force.0.stiffness=3`. An empty
+/// value removes the key: `integrator.step=`.
 pub(crate) fn set(root: &mut Node, assignment: &str) -> Result<(), Problem> {
     let problem = |found: String, required: &str, remedy: String| {
         Problem::new(None, format!("--set {}", shorten(assignment)), found, required, remedy)
@@ -170,6 +171,13 @@ pub(crate) fn set(root: &mut Node, assignment: &str) -> Result<(), Problem> {
     let mut at = root;
     for (i, segment) in segments.iter().enumerate() {
         let last = i + 1 == segments.len();
+        if last
+            && text.trim().is_empty()
+            && let Value::Table(list) = &mut at.value
+        {
+            list.retain(|e| e.key != *segment);
+            return Ok(());
+        }
         at = match &mut at.value {
             Value::Table(list) => {
                 let position = match list.iter().position(|e| e.key == *segment) {
@@ -446,10 +454,14 @@ mod tests {
         set(&mut root, "force.0.stiffness = 3").unwrap();
         assert!(set(&mut root, "force.1.stiffness=3").unwrap_err().remedy.contains("1 entries"));
         assert!(set(&mut root, "integrator").unwrap_err().found.contains('='));
+        set(&mut root, "integrator.step=0.1").unwrap();
+        set(&mut root, "integrator.step=").unwrap();
+        set(&mut root, "integrator.never=").unwrap();
         let mut report = Report::new("");
         let mut top = Table::new(&root, "scene", &mut report).unwrap();
         let mut integrator = top.table("integrator", &mut report).unwrap();
         assert_eq!(integrator.number("rtol", &mut report), Some(1e-9));
+        assert!(!integrator.has("step"));
         assert_eq!(integrator.text("method", &mut report), Some("tsit5"));
         assert_eq!(top.tables("force", &mut report)[0].number("stiffness", &mut report), Some(3.0));
         assert!(report.errors.is_empty());

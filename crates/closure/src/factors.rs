@@ -1,0 +1,451 @@
+//! The factorisation: the articulated sweep with every loop closed at the body in which its branches meet.
+//!
+//! | symbol | meaning | shape | source |
+//! |---|---|---|---|
+//! | P | articulated inertia, from its ancestor inward with the loop in it | 6×6 | paper 1 (9.5), Gauss' principle |
+//! | ξ | D^½θ̈ + D^−½(HP α⁺ − T + Hz), normalised residual of a joint: the cost is Σ ½ξ² | r | |
+//! | U, Ξ | U*U = D = HPH*, Ξ = U^−*HP | r×r, r×6 | |
+//! | W | rows of a loop on the residuals: D^−½HψB, unsquared | ρ×m | paper 2 (4.20) |
+//! | X | what ξ would be if the subtree moved rigidly with its body | ρ×6 | |
+//! | C_r, C | rows of a loop on the body's acceleration, rigidly and articulated: C = C_r − W*X | m×6 | |
+//! | Q, R | W/s = Q [R; 0] at the ancestor, s the scale of the loop | | |
+//! | w | U^−*(HC* + E), E the coefficients of couplings | r×m | |
+//!
+//! A loop reads W*(ξ − Xα − ζ) + C_r α = g on the body that its branches hang on. A rigid motion of the ancestor opens nothing:
+//! there C_r = 0, and the loop is solved for part of the residuals: Q₁*ξ = X₁α + ζ₁ + R^−*g. Their cost, ½|X₁α + …|², is all
+//! that remains of the loop above: P += X₁*X₁. X₁ is bounded however singular R is.
+//!
+//! One joint of r degrees of freedom is eliminated one after the other, as r hinges in one place.
+
+use crate::frames::Frames;
+use crate::number::{Arithmetic, larger, size, transform, wrench};
+use crate::reflections::{Panel, Record};
+use crate::structure::{Operation, Structure};
+use phipsi_recursion::layout::GROUND;
+use phipsi_recursion::{DynamicsError, Layout};
+use phipsi_spatial::{ArticulatedInertia, Kernel, Real, RigidInertia, Scalar, Wrench};
+
+mod joint;
+
+/// A row that was found to be implied by others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Redundant {
+    /// The closure, counted as closures, then couplings.
+    pub closure: usize,
+    /// The row of that closure.
+    pub row: usize,
+    /// Its pivot over the scale of its loop: what was taken for zero.
+    pub pivot: f64,
+}
+
+/// How well the loops of a state are conditioned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Rank {
+    pub(crate) rank: usize,
+    pub(crate) smallest: f64,
+    pub(crate) gap: f64,
+}
+
+/// What was done in one operation.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Done<T> {
+    /// Stacked rows, steps on the closed loop, all steps, rows that remain.
+    pub(crate) rows: usize,
+    pub(crate) rank: usize,
+    pub(crate) steps: usize,
+    pub(crate) left: usize,
+    /// s.
+    pub(crate) scale: T,
+}
+
+/// Factors of a mechanism with loops at one configuration.
+#[derive(Clone, Debug)]
+pub(crate) struct Factors<T: Scalar> {
+    /// P of every body before its joint.
+    pub(crate) inertia: Vec<ArticulatedInertia<Arithmetic<T>>>,
+    /// Ξ and U's diagonal of every degree of freedom; U = 0 where it is prescribed.
+    pub(crate) xi: Vec<Wrench<Arithmetic<T>>>,
+    pub(crate) roots: Vec<Arithmetic<T>>,
+    /// C_r at every joint that a strand passes.
+    pub(crate) kept: Vec<Wrench<Arithmetic<T>>>,
+    /// C and C_r where the sweep is.
+    c: Vec<Wrench<Arithmetic<T>>>,
+    rigid: Vec<Wrench<Arithmetic<T>>>,
+    /// Size that the rows of W could have, squared.
+    squares: Vec<Arithmetic<T>>,
+    /// Rows, W and X of the blocks.
+    pub(crate) block_rows: Vec<usize>,
+    block_w: Vec<Arithmetic<T>>,
+    pub(crate) block_x: Vec<Wrench<Arithmetic<T>>>,
+    /// Matrices and records of the operations.
+    pub(crate) matrix: Vec<Arithmetic<T>>,
+    order: Vec<usize>,
+    beta: Vec<Arithmetic<T>>,
+    pub(crate) pivots: Vec<usize>,
+    pub(crate) done: Vec<Done<Arithmetic<T>>>,
+    pub(crate) redundant: Vec<Redundant>,
+    /// The redundant ones among all rows.
+    pub(crate) dropped: Vec<bool>,
+    pub(crate) rank: Rank,
+    passive: Vec<bool>,
+    /// The largest residual of all loops.
+    error: f64,
+    /// The weakest pivot, at most one, of an operation and of those that its blocks come from.
+    sharp: Vec<f64>,
+    /// The operation that each block comes from.
+    origin: Vec<usize>,
+}
+
+/// What the rank of a loop is decided by.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Regard<T> {
+    /// Rows whose pivot the closure error could have made are redundant.
+    Error,
+    /// The same during projection onto the closures, where the error is large at first and known to vanish.
+    Projection,
+    /// No row is redundant: every row may be missed, at the cost of √μ.
+    Slack(T),
+}
+
+impl<T: Real> Factors<T> {
+    pub(crate) fn new(structure: &Structure<T>, layout: &Layout<T>) -> Self {
+        let zero = Wrench::zero();
+        let empty = Done { rows: 0, rank: 0, steps: 0, left: 0, scale: Arithmetic::<T>::splat(1.0) };
+        Factors {
+            inertia: vec![ArticulatedInertia::zero(); layout.len()],
+            xi: vec![zero; layout.nv()],
+            roots: vec![Arithmetic::<T>::splat(0.0); layout.nv()],
+            kept: vec![zero; structure.kept],
+            c: vec![zero; structure.strand_rows],
+            rigid: vec![zero; structure.strand_rows],
+            squares: vec![Arithmetic::<T>::splat(0.0); structure.rows],
+            block_rows: vec![0; structure.blocks.len()],
+            block_w: vec![Arithmetic::<T>::splat(0.0); structure.block_numbers],
+            block_x: vec![zero; structure.block_rows],
+            matrix: vec![Arithmetic::<T>::splat(0.0); structure.operation_numbers],
+            order: vec![0; structure.operation_rows],
+            beta: vec![Arithmetic::<T>::splat(0.0); structure.operation_steps],
+            pivots: vec![usize::MAX; structure.operation_steps],
+            done: vec![empty; structure.operations.len()],
+            redundant: Vec::with_capacity(structure.rows),
+            dropped: vec![false; structure.rows],
+            rank: Rank { rank: 0, smallest: f64::INFINITY, gap: f64::INFINITY },
+            passive: vec![true; layout.nv()],
+            error: 0.0,
+            sharp: vec![1.0; structure.operations.len()],
+            origin: origins(structure),
+        }
+    }
+    /// Factors at the poses of `frames`; `active`: the prescribed degrees of freedom, none if missing.
+    pub(crate) fn update(
+        &mut self,
+        structure: &Structure<T>,
+        layout: &Layout<T>,
+        frames: &Frames<T>,
+        active: Option<&[bool]>,
+        regard: Regard<T>,
+    ) -> Result<(), DynamicsError> {
+        Arithmetic::<T>::dispatch(Update { factors: self, structure, layout, frames, active, regard })
+    }
+    #[inline(always)]
+    fn sweep(
+        &mut self,
+        structure: &Structure<T>,
+        layout: &Layout<T>,
+        frames: &Frames<T>,
+        active: Option<&[bool]>,
+        regard: Regard<T>,
+    ) -> Result<(), DynamicsError> {
+        for (i, passive) in self.passive.iter_mut().enumerate() {
+            *passive = active.is_none_or(|active| !active[i]);
+        }
+        for (P, body) in self.inertia.iter_mut().zip(layout.bodies()) {
+            *P = RigidInertia::constant(&body.inertia).to_articulated();
+        }
+        self.squares.fill(Arithmetic::<T>::splat(0.0));
+        // Couplings begin with nothing.
+        self.c.fill(Wrench::zero());
+        self.rigid.fill(Wrench::zero());
+        self.redundant.clear();
+        self.dropped.fill(false);
+        self.rank = Rank { rank: 0, smallest: f64::INFINITY, gap: f64::INFINITY };
+        self.error = frames.errors.iter().fold(0.0, |most: f64, e| most.max(*e));
+        // The ground comes last.
+        let ground = layout.len();
+        for k in (0..ground).rev().chain([ground]) {
+            self.begin(structure, frames, k);
+            for operation in structure.stations[k].closes.clone() {
+                self.close(structure, operation, k, regard);
+            }
+            if k == ground {
+                break;
+            }
+            let P = self.join(structure, layout, k)?;
+            let parent = layout.bodies()[k].parent;
+            self.shift(structure, frames, k);
+            if parent != GROUND {
+                let shifted = transform(&frames.poses[k]).articulated_to_parent(&P);
+                self.inertia[parent] = self.inertia[parent] + shifted;
+            }
+        }
+        Ok(())
+    }
+    /// C = C_r of the strands that begin on a body.
+    #[inline(always)]
+    fn begin(&mut self, structure: &Structure<T>, frames: &Frames<T>, k: usize) {
+        for &s in &structure.stations[k].begins {
+            let strand = structure.strands[s];
+            let side = usize::from(structure.loops[strand.of].strands[1] == Some(s));
+            for i in 0..structure.loops[strand.of].rows.len() {
+                let row = wrench(frames.strand_row(structure, strand.of, side, i));
+                (self.c[strand.first + i], self.rigid[strand.first + i]) = (row, row);
+            }
+        }
+    }
+    /// Puts blocks into the matrix of an operation: columns of the closed loop, of the others, of X. Returns the rows.
+    #[inline(always)]
+    fn stack(&mut self, structure: &Structure<T>, operation: &Operation, scale: Arithmetic<T>) -> usize {
+        let columns = operation.closing + operation.others;
+        let matrix = &mut self.matrix[operation.number..][..operation.most * (columns + 6)];
+        matrix.fill(Arithmetic::<T>::splat(0.0));
+        let mut row = 0;
+        for (b, map) in &operation.inputs {
+            let block = &structure.blocks[*b];
+            for i in 0..self.block_rows[*b] {
+                let w = &self.block_w[block.number + i * block.width..][..block.width];
+                for (x, &column) in w.iter().zip(map) {
+                    let x = if column < operation.closing { *x * scale } else { *x };
+                    matrix[column * operation.most + row] = x;
+                }
+                let x = self.block_x[block.row + i].to_array();
+                for (j, x) in x.into_iter().enumerate() {
+                    matrix[(columns + j) * operation.most + row] = x;
+                }
+                row += 1;
+            }
+        }
+        row
+    }
+    /// Closes the loop of an operation at body k, or at the ground.
+    #[inline(always)]
+    fn close(&mut self, structure: &Structure<T>, index: usize, k: usize, regard: Regard<T>) {
+        let operation = &structure.operations[index];
+        let of = operation.closes.unwrap_or(0);
+        let rows_of = structure.loops[of].rows.clone();
+        let mut square = Arithmetic::<T>::splat(0.0);
+        for x in &self.squares[rows_of] {
+            square = larger(square, *x);
+        }
+        let scale = if square.is_positive() { square.sqrt() } else { Arithmetic::<T>::splat(1.0) };
+        let mut rows = self.stack(structure, operation, scale.recip());
+        let (m, others, lead) = (operation.closing, operation.others, operation.most);
+        if let Regard::Slack(slack) = regard {
+            for i in 0..m {
+                self.matrix[operation.number + i * lead + rows + i] = slack.to_arithmetic();
+            }
+            rows += m;
+        }
+        // Of all loops: those that were closed before hand their errors on.
+        let error = self.error;
+        // Rounding of rows that a weak pivot was taken out of: ε over that pivot at worst, over its root as a rule.
+        let sharpness = self.sharpness(operation);
+        let margin = match regard {
+            Regard::Error => 10.0 * error,
+            Regard::Projection if error > 1e-3 => 0.1 * error,
+            Regard::Projection => 10.0 * error,
+            Regard::Slack(_) => 0.0,
+        };
+        let tolerance = match regard {
+            Regard::Slack(_) => 0.0,
+            _ => 64.0 * T::EPSILON * (rows as f64 / sharpness).sqrt() + margin,
+        };
+        let mut panel = self.panel(operation, rows);
+        panel.sort_rows(0, 0..m);
+        let (rank, dropped) = panel.eliminate(0, 0..m, tolerance, m);
+        let left = rows - rank;
+        let (steps, left) = if left > others {
+            panel.sort_rows(rank, m..m + others);
+            let (steps, _) = panel.eliminate(rank, m..m + others, 0.0, others);
+            (steps, steps - rank)
+        } else {
+            (rank, left)
+        };
+        self.done[index] = Done { rows, rank, steps, left, scale };
+        self.sharp[index] = (0..rank).fold(sharpness, |least, t| {
+            let column = self.pivots[operation.step + t];
+            least.min(size(self.matrix[operation.number + column * lead + t]).min_lane())
+        });
+        self.judge(structure, operation, rank, dropped);
+        for t in 0..rank {
+            let x = self.x_row(operation, t);
+            if k < self.inertia.len() {
+                self.inertia[k].add_outer(x, Arithmetic::<T>::splat(1.0));
+            }
+            // C_o += W'_o* X₁ for the loops that stay open here.
+            for passing in structure.stations.get(k).map_or(&[][..], |s| &s.passes[..]) {
+                let Some((_, first)) = operation.other_loops.iter().find(|(o, _)| *o == passing.of) else {
+                    continue;
+                };
+                let strand = structure.strands[passing.strand];
+                for i in 0..structure.loops[passing.of].rows.len() {
+                    let w = self.matrix[operation.number + (m + first + i) * lead + t];
+                    let c = &mut self.c[strand.first + i];
+                    *c = x.scale_add(w, *c);
+                }
+            }
+        }
+        self.hand_on(structure, index, rank);
+    }
+    /// The weakest pivot of the operations that an operation's blocks come from.
+    #[inline(always)]
+    fn sharpness(&self, operation: &Operation) -> f64 {
+        operation.inputs.iter().fold(1.0, |least, (b, _)| least.min(self.sharp[self.origin[*b]]))
+    }
+    /// Notes rank, redundant rows and pivots of a closed loop.
+    #[inline(always)]
+    fn judge(&mut self, structure: &Structure<T>, operation: &Operation, rank: usize, dropped: f64) {
+        let m = operation.closing;
+        let kept = &self.pivots[operation.step..][..rank];
+        let diagonal =
+            |t: usize| size(self.matrix[operation.number + kept[t] * operation.most + t]).min_lane();
+        let smallest = (0..rank).map(diagonal).fold(f64::INFINITY, f64::min);
+        self.rank.rank += rank;
+        self.rank.smallest = self.rank.smallest.min(smallest);
+        if rank < m && rank > 0 && dropped > 0.0 {
+            self.rank.gap = self.rank.gap.min(smallest / dropped);
+        }
+        for column in 0..m {
+            if !kept.contains(&column) && self.redundant.len() < structure.rows {
+                let closure = operation.closes.unwrap_or(0);
+                let lead = operation.most;
+                let rest = &self.matrix[operation.number + column * lead..][rank.min(lead)..lead];
+                // Later steps have turned the rest, but not made it longer.
+                let pivot = rest.iter().fold(0.0f64, |most, x| most.max(size(*x).min_lane()));
+                self.dropped[structure.loops[closure].rows.start + column] = true;
+                self.redundant.push(Redundant { closure, row: column, pivot });
+            }
+        }
+    }
+    /// The block that an operation leaves: rows from `first` on, what the steps left in them.
+    #[inline(always)]
+    fn hand_on(&mut self, structure: &Structure<T>, index: usize, first: usize) {
+        let operation = &structure.operations[index];
+        let Some(output) = operation.output else { return };
+        let block = &structure.blocks[output];
+        let done = self.done[index];
+        let lead = operation.most;
+        self.block_rows[output] = done.left;
+        for c in 0..block.width {
+            let column = operation.closing + c;
+            let steps = &self.pivots[operation.step..][first..done.steps];
+            // Below the step of a column its reflection is kept.
+            let last = steps.iter().position(|&p| p == column).map_or(usize::MAX, |t| first + t);
+            for i in 0..done.left {
+                let x = if first + i <= last {
+                    self.matrix[operation.number + column * lead + first + i]
+                } else {
+                    Arithmetic::<T>::splat(0.0)
+                };
+                self.block_w[block.number + i * block.width + c] = x;
+            }
+        }
+        for i in 0..done.left {
+            self.block_x[block.row + i] = self.x_row(operation, first + i);
+        }
+    }
+    /// Moves what leaves a body to its parent's frame.
+    #[inline(always)]
+    fn shift(&mut self, structure: &Structure<T>, frames: &Frames<T>, k: usize) {
+        let (station, pose) = (&structure.stations[k], &transform(&frames.poses[k]));
+        for passing in station.passes.iter().filter(|p| !p.last) {
+            let strand = structure.strands[passing.strand];
+            let m = structure.loops[passing.of].rows.len();
+            for i in strand.first..strand.first + m {
+                self.c[i] = pose.wrench_to_parent(self.c[i]);
+                self.rigid[i] = pose.wrench_to_parent(self.rigid[i]);
+            }
+        }
+        if let Some(output) = station.join.and_then(|index| structure.operations[index].output) {
+            let first = structure.blocks[output].row;
+            for x in &mut self.block_x[first..first + self.block_rows[output]] {
+                *x = pose.wrench_to_parent(*x);
+            }
+        }
+    }
+    /// False if a degree of freedom is prescribed.
+    #[inline(always)]
+    pub(crate) fn is_passive(&self, i: usize) -> bool {
+        self.passive[i]
+    }
+    /// Row of X in the matrix of an operation.
+    #[inline(always)]
+    pub(crate) fn x_row(&self, operation: &Operation, row: usize) -> Wrench<Arithmetic<T>> {
+        let columns = operation.closing + operation.others;
+        let at = operation.number + columns * operation.most + row;
+        let x = |j: usize| self.matrix[at + j * operation.most];
+        Wrench::from_array([x(0), x(1), x(2), x(3), x(4), x(5)])
+    }
+    #[inline(always)]
+    fn panel(&mut self, operation: &Operation, rows: usize) -> Panel<'_, Arithmetic<T>> {
+        let columns = operation.closing + operation.others;
+        let order = &mut self.order[operation.row..][..operation.most];
+        for (i, o) in order.iter_mut().enumerate() {
+            *o = i;
+        }
+        let pivots = &mut self.pivots[operation.step..][..columns];
+        pivots.fill(usize::MAX);
+        Panel {
+            a: &mut self.matrix[operation.number..][..operation.most * (columns + 6)],
+            lead: operation.most,
+            rows,
+            columns: columns + 6,
+            order,
+            beta: &mut self.beta[operation.step..][..columns],
+            pivots,
+        }
+    }
+    /// What an operation did, to do it to vectors.
+    #[inline(always)]
+    pub(crate) fn record(
+        &self,
+        operation: &Operation,
+        done: &Done<Arithmetic<T>>,
+    ) -> Record<'_, Arithmetic<T>> {
+        let columns = operation.closing + operation.others;
+        Record {
+            a: &self.matrix[operation.number..][..operation.most * (columns + 6)],
+            lead: operation.most,
+            rows: done.rows,
+            steps: done.steps,
+            order: &self.order[operation.row..][..operation.most],
+            beta: &self.beta[operation.step..][..columns],
+            pivots: &self.pivots[operation.step..][..columns],
+        }
+    }
+}
+
+/// The operation that each block comes from.
+fn origins<T>(structure: &Structure<T>) -> Vec<usize> {
+    let mut origins = vec![0; structure.blocks.len()];
+    for (i, operation) in structure.operations.iter().enumerate() {
+        operation.output.into_iter().for_each(|b| origins[b] = i);
+    }
+    origins
+}
+
+struct Update<'a, T: Real> {
+    factors: &'a mut Factors<T>,
+    structure: &'a Structure<T>,
+    layout: &'a Layout<T>,
+    frames: &'a Frames<T>,
+    active: Option<&'a [bool]>,
+    regard: Regard<T>,
+}
+
+impl<T: Real> Kernel for Update<'_, T> {
+    type Output = Result<(), DynamicsError>;
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        self.factors.sweep(self.structure, self.layout, self.frames, self.active, self.regard)
+    }
+}

@@ -1,0 +1,160 @@
+//! One joint of the factorisation: its degrees of freedom one after the other, and their rows in the front of its body.
+//!
+//! | symbol | meaning | shape |
+//! |---|---|---|
+//! | D | pivot of one degree of freedom, HPH* | 1 |
+//! | Ξ | D^−½HP, row of the normalised residual on α⁺ | 6 |
+//! | w | D^−½(HC* + E), row of the loops on the residual | m |
+
+use super::{Done, Factors};
+use crate::frames::weight;
+use crate::number::Arithmetic;
+use crate::structure::Structure;
+use phipsi_recursion::hinge::Hinge;
+use phipsi_recursion::{DynamicsError, Layout};
+use phipsi_spatial::{ArticulatedInertia, Real, Scalar, Wrench};
+
+impl<T: Real> Factors<T> {
+    /// Eliminates the joint of a body; returns what it lets through.
+    #[inline(always)]
+    pub(super) fn join(
+        &mut self,
+        structure: &Structure<T>,
+        layout: &Layout<T>,
+        k: usize,
+    ) -> Result<ArticulatedInertia<Arithmetic<T>>, DynamicsError> {
+        let (body, station) = (&layout.bodies()[k], &structure.stations[k]);
+        for passing in &station.passes {
+            let strand = structure.strands[passing.strand];
+            let m = structure.loops[passing.of].rows.len();
+            let rigid = &self.rigid[strand.first..strand.first + m];
+            self.kept[passing.kept..passing.kept + m].copy_from_slice(rigid);
+        }
+        let mut rows = match station.join {
+            Some(index) => self.stack(structure, &structure.operations[index], Arithmetic::<T>::splat(1.0)),
+            None => 0,
+        };
+        let mut P = self.inertia[k];
+        let mut passed = 0;
+        for i in 0..body.hinge.nv() {
+            if !self.passive[body.v + i] {
+                (self.xi[body.v + i], self.roots[body.v + i]) = (Wrench::zero(), Arithmetic::<T>::splat(0.0));
+                continue;
+            }
+            passed += 1;
+            let column = joint_column(&P, &body.hinge, i);
+            let D = body.hinge.project(i, &column);
+            if !D.is_positive() {
+                let (joint, component) = layout.joint_of_velocity(body.v + i);
+                let (joint, inertia) = (joint.to_string(), D.min_lane());
+                return Err(DynamicsError::SingularHinge { joint, component, inertia });
+            }
+            let root = D.sqrt();
+            let inverse = root.recip();
+            let xi = column.scale(inverse);
+            P.subtract_outer(xi, xi);
+            (self.xi[body.v + i], self.roots[body.v + i]) = (xi, root);
+            if let Some(index) = station.join {
+                self.append(structure, index, k, i, &body.hinge, xi, inverse, rows);
+                rows += 1;
+            }
+        }
+        let free = passed == 6;
+        if free {
+            // What the subtractions leave is rounding: a free joint lets nothing through.
+            P = ArticulatedInertia::zero();
+        }
+        if let Some(index) = station.join {
+            if free {
+                for passing in &station.passes {
+                    let strand = structure.strands[passing.strand];
+                    let m = structure.loops[passing.of].rows.len();
+                    self.c[strand.first..strand.first + m].fill(Wrench::zero());
+                }
+            }
+            let operation = &structure.operations[index];
+            let width = operation.others;
+            let (steps, left) = if rows > 2 * width {
+                let mut panel = self.panel(operation, rows);
+                panel.sort_rows(0, 0..width);
+                let (steps, _) = panel.eliminate(0, 0..width, 0.0, width);
+                (steps, steps)
+            } else {
+                self.panel(operation, rows);
+                (0, rows)
+            };
+            self.done[index] = Done { rows, rank: 0, steps, left, scale: Arithmetic::<T>::splat(1.0) };
+            self.sharp[index] = self.sharpness(operation);
+            self.hand_on(structure, index, 0);
+        }
+        Ok(P)
+    }
+    /// Appends the row of one degree of freedom to a join, and takes it out of C.
+    #[allow(clippy::too_many_arguments)]
+    #[inline(always)]
+    fn append(
+        &mut self,
+        structure: &Structure<T>,
+        index: usize,
+        k: usize,
+        i: usize,
+        hinge: &Hinge<T>,
+        xi: Wrench<Arithmetic<T>>,
+        inverse: Arithmetic<T>,
+        row: usize,
+    ) {
+        let operation = &structure.operations[index];
+        let lead = operation.most;
+        let station = &structure.stations[k];
+        for passing in &station.passes {
+            let (strand, l) = (structure.strands[passing.strand], &structure.loops[passing.of]);
+            for j in 0..l.rows.len() {
+                let c = &mut self.c[strand.first + j];
+                let mut along = hinge.project(i, c);
+                let mut reach = lever::<T>(hinge, i, c);
+                for entry in &station.entries {
+                    if entry.of == passing.of && entry.component == i {
+                        let weighted = entry.coefficient * weight(structure, l, j);
+                        let weighted = weighted.to_arithmetic();
+                        along += weighted;
+                        reach += weighted * weighted;
+                    }
+                }
+                let w = along * inverse;
+                *c -= xi.scale(w);
+                self.squares[l.rows.start + j] += reach * (inverse * inverse);
+                self.matrix[operation.number + (passing.column + j) * lead + row] = w;
+            }
+        }
+        for (j, x) in xi.to_array().into_iter().enumerate() {
+            self.matrix[operation.number + (operation.others + j) * lead + row] = x;
+        }
+    }
+}
+
+/// P H*: a column of P, but for helical joints.
+#[inline(always)]
+fn joint_column<T: Real>(
+    P: &ArticulatedInertia<Arithmetic<T>>,
+    hinge: &Hinge<T>,
+    i: usize,
+) -> Wrench<Arithmetic<T>> {
+    match hinge {
+        Hinge::Helical { .. } => P.times(hinge.axis(i)),
+        _ => P.column(hinge.components()[i]),
+    }
+}
+
+/// |part of a row that the i-th axis of a joint turns or moves|²: what H C* could be in any direction.
+#[inline(always)]
+fn lever<T: Real>(hinge: &Hinge<T>, i: usize, c: &Wrench<Arithmetic<T>>) -> Arithmetic<T> {
+    let (moment, force) = (c.moment.dot(c.moment), c.force.dot(c.force));
+    match hinge {
+        Hinge::Helical { pitch } => {
+            let pitch = pitch.to_arithmetic();
+            moment + pitch * pitch * force
+        }
+        _ if hinge.components()[i] < 3 => moment,
+        _ => force,
+    }
+}

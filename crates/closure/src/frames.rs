@@ -1,0 +1,203 @@
+//! The ends of the loops: where they are and how they move against each other, seen from the body in which they meet.
+//!
+//! | symbol | meaning | frame |
+//! |---|---|---|
+//! | A, B | the two frames of a closure | |
+//! | c | frame with the axes of A in the origin of B, on which both ends are compared | |
+//! | Φ | residual of the positions, rad and m | axes of A |
+//! | S (ω, ḋ) | rate of the residual | axes of A |
+//!
+//! Poses and velocities are relative to the common ancestor, never to the world, so that a far or fast mechanism closes as
+//! well as one at rest; and both ends are compared at one point, so that a rigid motion of the ancestor opens nothing.
+
+use crate::rows::{MOST_ROWS, Relative};
+use crate::structure::{End, Loop, LoopKind, Structure};
+use phipsi_recursion::Layout;
+use phipsi_spatial::{Mat3, Motion, Quaternion, Real, Transform, Vec3, Wrench};
+
+/// Where and how fast the ends of all loops are.
+#[derive(Clone, Debug)]
+pub(crate) struct Frames<T> {
+    /// Pose of every body of the layout in its parent.
+    pub(crate) poses: Vec<Transform<T>>,
+    /// One per loop; unused for couplings.
+    relative: Vec<Relative<T>>,
+    /// S of every loop.
+    rows: Vec<[Wrench<T>; MOST_ROWS]>,
+    /// Pose of a strand's end in each of its bodies.
+    along: Vec<Transform<T>>,
+    /// The largest residual of a loop, over the scene's length where it is one.
+    pub(crate) errors: Vec<f64>,
+    /// Frame c in the bodies of A and of B.
+    points: Vec<[Transform<T>; 2]>,
+    /// Φ − γ of all rows, rad and m.
+    pub(crate) residual: Vec<T>,
+}
+
+impl<T: Real> Frames<T> {
+    pub(crate) fn new(structure: &Structure<T>, layout: &Layout<T>) -> Self {
+        let n = structure.loops.len();
+        Frames {
+            poses: vec![Transform::identity(); layout.len()],
+            relative: vec![Relative::at_rest(); n],
+            rows: vec![[Wrench::zero(); MOST_ROWS]; n],
+            along: vec![Transform::identity(); structure.paths.len()],
+            errors: vec![0.0; n],
+            points: vec![[Transform::identity(); 2]; n],
+            residual: vec![T::zero(); structure.rows],
+        }
+    }
+    /// Poses of bodies and ends, and the residual; `gamma`: one number per row, or none.
+    pub(crate) fn set_position(
+        &mut self,
+        structure: &Structure<T>,
+        layout: &Layout<T>,
+        q: &[T],
+        gamma: Option<&[T]>,
+    ) {
+        for (pose, body) in self.poses.iter_mut().zip(layout.bodies()) {
+            *pose = body.pose(q);
+        }
+        for (of, l) in structure.loops.iter().enumerate() {
+            let phi = match &l.kind {
+                LoopKind::Frames { kind, a, b } => {
+                    let from = self.in_ancestor(structure, l, 0, a);
+                    let to = self.in_ancestor(structure, l, 1, b);
+                    // A product of rotations is not quite one; what it lacks would tell A from B where the loop is nearly singular.
+                    let product = from.rotation.transpose() * to.rotation;
+                    let rotation = Quaternion::from_rotation(&product).to_rotation();
+                    let offset = from.rotation.transpose_mul(to.translation - from.translation);
+                    let relative = Relative { rotation, offset, twist: Motion::zero() };
+                    self.relative[of] = relative;
+                    self.rows[of] = relative.rows(*kind);
+                    self.points[of] = [
+                        a.pose.compose(&Transform::new(Mat3::identity(), offset)),
+                        Transform::new(b.pose.rotation * rotation.transpose(), b.pose.translation),
+                    ];
+                    relative.residual(*kind)
+                }
+                LoopKind::Gear { q: at, multiplier, offset, .. } => {
+                    let mut phi = [T::zero(); MOST_ROWS];
+                    phi[0] = q[at[0]] - *multiplier * q[at[1]] - *offset;
+                    phi
+                }
+            };
+            for (i, row) in l.rows.clone().enumerate() {
+                self.residual[row] = phi[i] - gamma.map_or(T::zero(), |gamma| gamma[row]);
+            }
+            self.errors[of] = self.relative_error(structure, l);
+        }
+    }
+    /// Pose of an end in the ancestor of its loop.
+    fn in_ancestor(
+        &mut self,
+        structure: &Structure<T>,
+        l: &Loop<T>,
+        side: usize,
+        end: &End<T>,
+    ) -> Transform<T> {
+        let mut pose = end.pose;
+        if let Some(strand) = l.strands[side].map(|s| &structure.strands[s]) {
+            for i in strand.path..strand.path + strand.bodies {
+                self.along[i] = pose;
+                pose = self.poses[structure.paths[i]].compose(&pose);
+            }
+        }
+        pose
+    }
+    /// Velocity of an end against the ancestor of its loop, of the end's origin, in its axes.
+    fn twist(
+        &self,
+        structure: &Structure<T>,
+        layout: &Layout<T>,
+        strand: Option<usize>,
+        v: &[T],
+    ) -> Motion<T> {
+        let mut twist = Motion::zero();
+        if let Some(strand) = strand.map(|s| &structure.strands[s]) {
+            for i in strand.path..strand.path + strand.bodies {
+                let body = &layout.bodies()[structure.paths[i]];
+                twist += self.along[i].motion_to_child(body.hinge.expand(&v[body.v..]));
+            }
+        }
+        twist
+    }
+    /// The relative twists at velocities `v`, and their rows: `rates` gets S (ω, ḋ) of all rows, rad/s and m/s.
+    pub(crate) fn set_velocity(
+        &mut self,
+        structure: &Structure<T>,
+        layout: &Layout<T>,
+        v: &[T],
+        rates: &mut [T],
+    ) {
+        for (of, l) in structure.loops.iter().enumerate() {
+            match &l.kind {
+                LoopKind::Frames { .. } => {
+                    let inner = self.twist(structure, layout, l.strands[0], v);
+                    let outer = self.twist(structure, layout, l.strands[1], v);
+                    let Relative { rotation, offset, .. } = self.relative[of];
+                    let angular = rotation * outer.angular - inner.angular;
+                    let linear = rotation * outer.linear - (inner.linear + inner.angular.cross(offset));
+                    self.relative[of].twist = Motion::new(angular, linear);
+                    for (i, row) in l.rows.clone().enumerate() {
+                        rates[row] = self.relative[of].twist.dot(self.rows[of][i]);
+                    }
+                }
+                LoopKind::Gear { v: at, multiplier, .. } => {
+                    rates[l.rows.start] = v[at[0]] - *multiplier * v[at[1]];
+                }
+            }
+        }
+    }
+    /// C_r of a strand where it begins: rows on the acceleration of its body, ± S X(c ← body).
+    pub(crate) fn strand_row(&self, structure: &Structure<T>, of: usize, side: usize, i: usize) -> Wrench<T> {
+        let l = &structure.loops[of];
+        let row = self.points[of][side].wrench_to_parent(self.rows[of][i]).scale(weight(structure, l, i));
+        if side == 0 { -row } else { row }
+    }
+    /// What the velocities add to the right-hand side of all rows (angular ones times the scene's length), and the size of the
+    /// terms, which may cancel. `omega`: angular velocity of every body, its axes.
+    pub(crate) fn add_velocity_terms(
+        &self,
+        structure: &Structure<T>,
+        omega: impl Fn(usize) -> Vec3<T>,
+        g: &mut [T],
+        sizes: &mut [T],
+    ) {
+        for (of, l) in structure.loops.iter().enumerate() {
+            let LoopKind::Frames { kind, a, .. } = &l.kind else { continue };
+            let relative = &self.relative[of];
+            let inboard = a.pose.rotation.transpose_mul(omega(a.body));
+            let from = |side: usize| {
+                let point = &self.points[of][side];
+                point.rotation.transpose_mul(point.translation)
+            };
+            let size = |x: Vec3<T>| x.0[0].abs() + x.0[1].abs() + x.0[2].abs();
+            let (turn, speed) = (size(inboard), size(relative.twist.linear));
+            let angular = turn * size(relative.twist.angular);
+            let outboard = turn + size(relative.twist.angular);
+            let linear = outboard * (outboard * (size(from(0)) + size(from(1))) + speed + speed);
+            let terms = relative.velocity_terms(inboard, from(0), from(1));
+            let rows = &self.rows[of];
+            for (i, row) in l.rows.clone().enumerate() {
+                let turning = if i == 0 { relative.turning(*kind) } else { T::zero() };
+                g[row] += weight(structure, l, i) * (terms.dot(rows[i]) - turning);
+                sizes[row] = weight(structure, l, i) * if i < l.angular { angular } else { linear };
+            }
+        }
+    }
+    /// The largest residual of a loop, over the scene's length where it is one.
+    fn relative_error(&self, structure: &Structure<T>, l: &Loop<T>) -> f64 {
+        let residual = &self.residual[l.rows.clone()];
+        let over = |(i, x): (usize, &T)| {
+            let x = x.abs().to_f64();
+            if i < l.angular { x } else { x / structure.length }
+        };
+        residual.iter().enumerate().map(over).fold(0.0, f64::max)
+    }
+}
+
+/// What row i of a loop is multiplied with: the scene's length, if it is an angle.
+pub(crate) fn weight<T: Real>(structure: &Structure<T>, l: &Loop<T>, i: usize) -> T {
+    if i < l.angular { T::splat(structure.length) } else { T::one() }
+}

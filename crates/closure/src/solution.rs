@@ -1,0 +1,461 @@
+//! One right-hand side: the filter inward, the smoother and the multipliers outward.
+//!
+//! | symbol | meaning | shape | source |
+//! |---|---|---|---|
+//! | z | bias force | 6 | paper 1 (9.3) |
+//! | s | U^−*(T − Hz) | r | paper 1 (9.9) |
+//! | ζ | what ξ would be, but for Xα, if the subtree moved rigidly | ρ | |
+//! | g | right-hand side of the loops' rows | m | |
+//! | h | R^−*g, the part of the residuals that the loop demands | rank | |
+//! | η | Q*ξ, the residuals as an operation leaves them | ρ | |
+//! | λ | multipliers: R λ = η₁ − Σ W'_o λ_o | m | |
+//!
+//! Angular rows are multiplied with the scene's length throughout, so that λ of an angular row is a moment over that length.
+
+use crate::factors::{Done, Factors};
+use crate::frames::{Frames, weight};
+use crate::number::{Arithmetic, larger, size, transform};
+use crate::structure::{Operation, Structure};
+use phipsi_recursion::Layout;
+use phipsi_recursion::layout::GROUND;
+use phipsi_spatial::{Kernel, Motion, Real, Scalar, Vec3, Wrench};
+
+mod multipliers;
+
+/// A redundant row whose right-hand side is not what the others imply.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inconsistency {
+    /// The closure, counted as closures, then couplings.
+    pub closure: usize,
+    /// The row of that closure.
+    pub row: usize,
+    /// By how much, relative to the terms of the row.
+    pub size: f64,
+}
+
+/// A right-hand side and its solution.
+#[derive(Clone, Debug)]
+pub(crate) struct Solution<T: Scalar> {
+    /// Bias forces and bias accelerations of the bodies: input.
+    pub(crate) z: Vec<Wrench<Arithmetic<T>>>,
+    pub(crate) a: Vec<Motion<Arithmetic<T>>>,
+    /// Right-hand sides of the rows: input; and the size of their terms.
+    pub(crate) g: Vec<Arithmetic<T>>,
+    pub(crate) sizes: Vec<Arithmetic<T>>,
+    s: Vec<Arithmetic<T>>,
+    zeta: Vec<Arithmetic<T>>,
+    eta: Vec<Arithmetic<T>>,
+    /// ζ₁ + h of the closings.
+    first: Vec<Arithmetic<T>>,
+    /// What the redundant rows lack.
+    lost: Vec<Arithmetic<T>>,
+    stack: Vec<Arithmetic<T>>,
+    x: Vec<Arithmetic<T>>,
+    alpha: Vec<Motion<Arithmetic<T>>>,
+    pub(crate) lambda: Vec<Arithmetic<T>>,
+    /// Of conjugate gradients.
+    direction: Vec<Arithmetic<T>>,
+    gradient: Vec<Arithmetic<T>>,
+    image: Vec<Arithmetic<T>>,
+    /// The largest |η₁| of all loops.
+    largest: Arithmetic<T>,
+    pub(crate) inconsistency: Option<Inconsistency>,
+}
+
+/// What drives the mechanism besides z, a and g.
+#[derive(Clone, Copy)]
+pub(crate) struct Load<'a, S> {
+    /// Generalised forces.
+    pub(crate) tau: Option<&'a [S]>,
+    /// Accelerations of the prescribed degrees of freedom.
+    pub(crate) prescribed: Option<&'a [S]>,
+    /// Acceleration of the ground.
+    pub(crate) ground: Vec3<S>,
+}
+
+impl<T: Real> Solution<T> {
+    pub(crate) fn new(structure: &Structure<T>, layout: &Layout<T>) -> Self {
+        let o = Arithmetic::<T>::splat(0.0);
+        let most = structure.operations.iter().fold(0, |most, operation| most.max(operation.most));
+        Solution {
+            z: vec![Wrench::zero(); layout.len()],
+            a: vec![Motion::zero(); layout.len()],
+            g: vec![o; structure.rows],
+            sizes: vec![o; structure.rows],
+            s: vec![o; layout.nv()],
+            zeta: vec![o; structure.block_rows],
+            eta: vec![o; structure.block_rows],
+            first: vec![o; structure.operation_rows],
+            lost: vec![o; structure.rows],
+            stack: vec![o; most],
+            x: vec![o; most],
+            alpha: vec![Motion::zero(); layout.len()],
+            lambda: vec![o; structure.rows],
+            direction: vec![o; structure.rows],
+            gradient: vec![o; structure.rows],
+            image: vec![o; structure.rows],
+            largest: o,
+            inconsistency: None,
+        }
+    }
+    /// No forces, no biases, no right-hand side.
+    pub(crate) fn clear(&mut self) {
+        self.z.fill(Wrench::zero());
+        self.a.fill(Motion::zero());
+        self.g.fill(Arithmetic::<T>::splat(0.0));
+        self.sizes.fill(Arithmetic::<T>::splat(0.0));
+    }
+    /// Solves; `out` gets the accelerations, `self.lambda` basic multipliers.
+    #[allow(clippy::too_many_arguments)]
+    pub(crate) fn run(
+        &mut self,
+        structure: &Structure<T>,
+        layout: &Layout<T>,
+        frames: &Frames<T>,
+        factors: &Factors<T>,
+        load: &Load<'_, Arithmetic<T>>,
+        out: &mut [T],
+    ) {
+        let out = T::arithmetic_mut(out);
+        Arithmetic::<T>::dispatch(Run { solution: self, structure, layout, frames, factors, load, out });
+    }
+    #[inline(always)]
+    fn sweep(
+        &mut self,
+        structure: &Structure<T>,
+        layout: &Layout<T>,
+        frames: &Frames<T>,
+        factors: &Factors<T>,
+        load: &Load<'_, Arithmetic<T>>,
+        out: &mut [Arithmetic<T>],
+    ) {
+        for (term, g) in self.sizes.iter_mut().zip(&self.g) {
+            *term = larger(*term, size(*g));
+        }
+        // The ground comes last inward, and first outward.
+        let ground = layout.len();
+        for k in (0..ground).rev().chain([ground]) {
+            for index in structure.stations[k].closes.clone() {
+                self.close(structure, factors, index, k);
+            }
+            if k == ground {
+                break;
+            }
+            self.filter(structure, layout, factors, load, k);
+            let parent = layout.bodies()[k].parent;
+            if parent != GROUND {
+                let z = transform(&frames.poses[k]).wrench_to_parent(self.z[k]);
+                self.z[parent] += z;
+            }
+        }
+        self.largest = Arithmetic::<T>::splat(0.0);
+        let at_ground = Motion::new(Vec3::zero(), load.ground);
+        for k in [ground].into_iter().chain(0..ground) {
+            let mut alpha = at_ground;
+            if k < ground {
+                let parent = layout.bodies()[k].parent;
+                let inboard = if parent == GROUND { at_ground } else { self.alpha[parent] };
+                let inboard = transform(&frames.poses[k]).motion_to_child(inboard);
+                self.smooth(structure, layout, factors, load, k, inboard, out);
+                alpha = self.alpha[k];
+            }
+            for index in structure.stations[k].closes.clone().rev() {
+                self.reopen(structure, factors, index, alpha);
+            }
+        }
+        self.find_inconsistency(structure, frames, factors, load.ground);
+    }
+    /// A term of a row.
+    #[inline(always)]
+    fn note(&mut self, row: usize, term: Arithmetic<T>) {
+        self.sizes[row] = larger(self.sizes[row], size(term));
+    }
+    /// The blocks that an operation takes, on `self.stack`; returns their rows.
+    #[inline(always)]
+    fn gather(&mut self, structure: &Structure<T>, factors: &Factors<T>, operation: &Operation) -> usize {
+        let mut row = 0;
+        for (b, _) in &operation.inputs {
+            let (first, rows) = (structure.blocks[*b].row, factors.block_rows[*b]);
+            self.stack[row..row + rows].copy_from_slice(&self.zeta[first..first + rows]);
+            row += rows;
+        }
+        row
+    }
+    /// Q* of the stack, on `self.x`; the rows that remain go to the operation's block.
+    #[inline(always)]
+    fn turn(
+        &mut self,
+        structure: &Structure<T>,
+        factors: &Factors<T>,
+        operation: &Operation,
+        done: &Done<Arithmetic<T>>,
+    ) {
+        factors.record(operation, done).apply_transposed(&self.stack[..done.rows], &mut self.x);
+        if let Some(output) = operation.output {
+            let block = structure.blocks[output].row;
+            self.zeta[block..block + done.left].copy_from_slice(&self.x[done.rank..done.rank + done.left]);
+        }
+    }
+    /// Closes a loop at body k: h, and what it adds to z and g.
+    #[inline(always)]
+    fn close(&mut self, structure: &Structure<T>, factors: &Factors<T>, index: usize, k: usize) {
+        let (operation, done) = (&structure.operations[index], &factors.done[index]);
+        let row = self.gather(structure, factors, operation);
+        self.stack[row..done.rows].fill(Arithmetic::<T>::splat(0.0));
+        self.turn(structure, factors, operation, done);
+        let of = operation.closes.unwrap_or(0);
+        let rows = structure.loops[of].rows.clone();
+        let lead = operation.most;
+        let R = |t: usize, c: usize| factors.matrix[operation.number + c * lead + t];
+        let pivots = &factors.pivots[operation.step..][..done.rank];
+        let inverse = done.scale.recip();
+        // h on the stack, which is free again.
+        for t in 0..done.rank {
+            let mut h = self.g[rows.start + pivots[t]] * inverse;
+            for u in 0..t {
+                h -= R(u, pivots[t]) * self.stack[u];
+            }
+            self.stack[t] = h / R(t, pivots[t]);
+        }
+        for c in 0..operation.closing {
+            let mut lost = Arithmetic::<T>::splat(0.0);
+            if !pivots.contains(&c) {
+                lost = self.g[rows.start + c] * inverse;
+                for t in 0..done.rank {
+                    let term = R(t, c) * self.stack[t];
+                    lost -= term;
+                    self.note(rows.start + c, term * done.scale);
+                }
+            }
+            self.lost[rows.start + c] = lost;
+        }
+        for t in 0..done.rank {
+            let zeta = self.x[t] + self.stack[t];
+            self.first[operation.row + t] = zeta;
+            if k < self.z.len() {
+                let x = factors.x_row(operation, t);
+                self.z[k] = x.scale_add(zeta, self.z[k]);
+            }
+        }
+        for &(other, first) in &operation.other_loops {
+            for (i, row) in structure.loops[other].rows.clone().enumerate() {
+                for t in 0..done.rank {
+                    let term = R(t, operation.closing + first + i) * self.stack[t];
+                    self.g[row] -= term;
+                    self.note(row, term);
+                }
+            }
+        }
+    }
+    /// The filter at the joint of body k.
+    #[inline(always)]
+    fn filter(
+        &mut self,
+        structure: &Structure<T>,
+        layout: &Layout<T>,
+        factors: &Factors<T>,
+        load: &Load<'_, Arithmetic<T>>,
+        k: usize,
+    ) {
+        let (body, station) = (&layout.bodies()[k], &structure.stations[k]);
+        let o = Arithmetic::<T>::splat(0.0);
+        let prescribed = |i: usize| load.prescribed.map_or(o, |a| a[body.v + i]);
+        let is_active = |i: usize| factors.roots[body.v + i] == o;
+        for i in (0..body.hinge.nv()).filter(|&i| is_active(i)) {
+            body.hinge.add_axis(i, prescribed(i), &mut self.a[k]);
+            for entry in station.entries.iter().filter(|e| e.component == i) {
+                let l = &structure.loops[entry.of];
+                let term = (entry.coefficient * weight(structure, l, 0)).to_arithmetic() * prescribed(i);
+                self.g[l.rows.start] -= term;
+                self.note(l.rows.start, term);
+            }
+        }
+        let a = self.a[k];
+        for &b in &station.waiting {
+            let first = structure.blocks[b].row;
+            for row in first..first + factors.block_rows[b] {
+                self.zeta[row] += a.dot(factors.block_x[row]);
+            }
+        }
+        for passing in &station.passes {
+            for (i, row) in structure.loops[passing.of].rows.clone().enumerate() {
+                let term = a.dot(factors.kept[passing.kept + i]);
+                self.g[row] -= term;
+                self.note(row, term);
+            }
+        }
+        self.z[k] += factors.inertia[k].times(a);
+        let rows = match station.join {
+            Some(index) => self.gather(structure, factors, &structure.operations[index]),
+            None => 0,
+        };
+        let mut passed = 0;
+        for i in 0..body.hinge.nv() {
+            if is_active(i) {
+                continue;
+            }
+            let tau = load.tau.map_or(o, |tau| tau[body.v + i]);
+            let s = (tau - body.hinge.project(i, &self.z[k])) / factors.roots[body.v + i];
+            self.z[k] = factors.xi[body.v + i].scale_add(s, self.z[k]);
+            self.s[body.v + i] = s;
+            if station.join.is_some() {
+                self.stack[rows + passed] = -s;
+            }
+            passed += 1;
+        }
+        if passed == 6 {
+            // A free joint hands on its own force exactly, whatever the size of z.
+            self.z[k] = load.tau.map_or(Wrench::zero(), |tau| {
+                let t = &tau[body.v..body.v + 6];
+                Wrench::from_array([t[0], t[1], t[2], t[3], t[4], t[5]])
+            });
+        }
+        if let Some(index) = station.join {
+            self.turn(structure, factors, &structure.operations[index], &factors.done[index]);
+        }
+    }
+    /// Gives `self.x`, filled up to `row` and zero beyond, back to the blocks that an operation took.
+    #[inline(always)]
+    fn scatter(
+        &mut self,
+        structure: &Structure<T>,
+        factors: &Factors<T>,
+        operation: &Operation,
+        done: &Done<Arithmetic<T>>,
+        row: usize,
+    ) -> usize {
+        self.x[row..done.rows].fill(Arithmetic::<T>::splat(0.0));
+        factors.record(operation, done).apply(&mut self.x, &mut self.stack);
+        let mut row = 0;
+        for (b, _) in &operation.inputs {
+            let (first, rows) = (structure.blocks[*b].row, factors.block_rows[*b]);
+            self.eta[first..first + rows].copy_from_slice(&self.stack[row..row + rows]);
+            row += rows;
+        }
+        row
+    }
+    /// The smoother at the joint of body k, whose parent gives it α⁺.
+    #[allow(clippy::too_many_arguments)]
+    #[inline(always)]
+    fn smooth(
+        &mut self,
+        structure: &Structure<T>,
+        layout: &Layout<T>,
+        factors: &Factors<T>,
+        load: &Load<'_, Arithmetic<T>>,
+        k: usize,
+        mut alpha: Motion<Arithmetic<T>>,
+        out: &mut [Arithmetic<T>],
+    ) {
+        let body = &layout.bodies()[k];
+        let o = Arithmetic::<T>::splat(0.0);
+        let mut xi_row = 0;
+        if let Some(index) = structure.stations[k].join {
+            let (operation, done) = (&structure.operations[index], &factors.done[index]);
+            let output = operation.output.map_or(0, |b| structure.blocks[b].row);
+            self.x[..done.left].copy_from_slice(&self.eta[output..output + done.left]);
+            xi_row = self.scatter(structure, factors, operation, done, done.left);
+        }
+        let nv = body.hinge.nv();
+        let mut passed = (0..nv).filter(|&i| factors.roots[body.v + i] != o).count();
+        let joined = structure.stations[k].join.is_some();
+        for i in (0..nv).rev() {
+            let at = body.v + i;
+            if factors.roots[at] == o {
+                out[at] = load.prescribed.map_or(o, |a| a[at]);
+                continue;
+            }
+            passed -= 1;
+            let xi = if joined { self.stack[xi_row + passed] } else { o };
+            out[at] = (xi - alpha.dot(factors.xi[at]) + self.s[at]) / factors.roots[at];
+            body.hinge.add_axis(i, out[at], &mut alpha);
+        }
+        self.alpha[k] = alpha + self.a[k];
+    }
+    /// Residuals and multipliers of a loop that was closed at a body with acceleration `alpha`.
+    #[inline(always)]
+    fn reopen(
+        &mut self,
+        structure: &Structure<T>,
+        factors: &Factors<T>,
+        index: usize,
+        alpha: Motion<Arithmetic<T>>,
+    ) {
+        let (operation, done) = (&structure.operations[index], &factors.done[index]);
+        for t in 0..done.rank {
+            self.x[t] = alpha.dot(factors.x_row(operation, t)) + self.first[operation.row + t];
+            self.largest = larger(self.largest, size(self.x[t]));
+        }
+        self.substitute(structure, factors, index, true);
+        let mut row = done.rank;
+        if let Some(output) = operation.output {
+            let block = structure.blocks[output].row;
+            self.x[row..row + done.left].copy_from_slice(&self.eta[block..block + done.left]);
+            row += done.left;
+        }
+        self.scatter(structure, factors, operation, done, row);
+    }
+    /// The redundant row that lacks most, measured by its terms, the largest residual of all loops and the largest acceleration.
+    #[inline(always)]
+    fn find_inconsistency(
+        &mut self,
+        structure: &Structure<T>,
+        frames: &Frames<T>,
+        factors: &Factors<T>,
+        ground: Vec3<Arithmetic<T>>,
+    ) {
+        self.inconsistency = None;
+        if factors.redundant.is_empty() {
+            return;
+        }
+        let length = Arithmetic::<T>::splat(structure.length);
+        let mut fastest = most_of(ground);
+        for alpha in &self.alpha {
+            fastest = larger(fastest, length.fma(most_of(alpha.angular), most_of(alpha.linear)));
+        }
+        for &index in &structure.closings {
+            let (operation, done) = (&structure.operations[index], &factors.done[index]);
+            let of = operation.closes.unwrap_or(0);
+            let start = structure.loops[of].rows.start;
+            for row in 0..operation.closing {
+                let lost = size(self.lost[start + row]).min_lane();
+                let terms = larger(self.sizes[start + row], fastest) / done.scale;
+                let size = larger(self.largest, terms).min_lane();
+                // A row that is open by e cannot be more consistent than that.
+                let allowed = 1e-9 + 10.0 * frames.errors[of];
+                if lost > allowed * size {
+                    let size = lost / size;
+                    if self.inconsistency.is_none_or(|worst| worst.size < size) {
+                        self.inconsistency = Some(Inconsistency { closure: of, row, size });
+                    }
+                }
+            }
+        }
+    }
+}
+
+struct Run<'a, T: Real> {
+    solution: &'a mut Solution<T>,
+    structure: &'a Structure<T>,
+    layout: &'a Layout<T>,
+    frames: &'a Frames<T>,
+    factors: &'a Factors<T>,
+    load: &'a Load<'a, Arithmetic<T>>,
+    out: &'a mut [Arithmetic<T>],
+}
+
+impl<T: Real> Kernel for Run<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run(self) {
+        let Run { solution, structure, layout, frames, factors, load, out } = self;
+        solution.sweep(structure, layout, frames, factors, load, out);
+    }
+}
+
+/// The largest component of a vector.
+#[inline(always)]
+fn most_of<S: Scalar>(x: Vec3<S>) -> S {
+    let [x, y, z] = x.0;
+    larger(larger(size(x), size(y)), size(z))
+}

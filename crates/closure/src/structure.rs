@@ -1,0 +1,436 @@
+//! What is known once per model: the loops, where they open and close, and the order and sizes of the elimination.
+//!
+//! | symbol | meaning |
+//! |---|---|
+//! | loop | a closure or a coupling, with m rows |
+//! | ancestor K | the body in which the two branches of a loop meet; the ground, if it is closed to the world |
+//! | strand | the path of a loop from one of its ends up to its ancestor, the ancestor not included |
+//! | block | rows of a front with common columns: residuals of a subtree and the open loops that they enter |
+//! | close | eliminates one loop at its ancestor from the blocks that it enters; the others' rows are one block after it |
+//! | join | appends a joint's rows to the blocks of its body: one block that goes up to the parent |
+
+use crate::error::ClosureError;
+use phipsi_model::{ClosureKind, Model};
+use phipsi_recursion::Layout;
+use phipsi_recursion::layout::GROUND;
+use phipsi_spatial::{Real, Transform};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::ops::Range;
+
+mod loops;
+
+use loops::{common_ancestor, depths, loops, scene_length};
+
+/// A frame of a closure on a body of the layout.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct End<T> {
+    /// The body, or [`GROUND`].
+    pub(crate) body: usize,
+    /// The frame in the body's frame.
+    pub(crate) pose: Transform<T>,
+}
+
+/// What a loop keeps.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum LoopKind<T> {
+    /// A closure between two frames.
+    Frames { kind: ClosureKind, a: End<T>, b: End<T> },
+    /// q(joint) = multiplier q(source) + offset.
+    Gear {
+        q: [usize; 2],
+        v: [usize; 2],
+        multiplier: T,
+        offset: T,
+        /// The row is an angle.
+        rotation: bool,
+    },
+}
+
+/// A loop.
+#[derive(Clone, Debug)]
+pub(crate) struct Loop<T> {
+    pub(crate) name: String,
+    pub(crate) kind: LoopKind<T>,
+    /// Its rows among all rows.
+    pub(crate) rows: Range<usize>,
+    /// Number of its first rows that are angles.
+    pub(crate) angular: usize,
+    /// The body in which its branches meet, or [`GROUND`].
+    pub(crate) ancestor: usize,
+    /// The strands of its ends A and B, where they have one.
+    pub(crate) strands: [Option<usize>; 2],
+}
+
+/// Rows of a loop as they pass one joint of a strand.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Passing {
+    pub(crate) of: usize,
+    pub(crate) strand: usize,
+    /// First of the m places where C_r of this strand is kept at this body.
+    pub(crate) kept: usize,
+    /// First column in the block that leaves the joint.
+    pub(crate) column: usize,
+    /// The parent is the ancestor: nothing of C goes there.
+    pub(crate) last: bool,
+}
+
+/// The way of a loop from one end to its ancestor.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Strand {
+    pub(crate) of: usize,
+    /// First of its m rows of C.
+    pub(crate) first: usize,
+    /// Its bodies from the end inward: where they are listed, and how many.
+    pub(crate) path: usize,
+    pub(crate) bodies: usize,
+}
+
+/// A coefficient of a coupling on one component of a joint.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Entry<T> {
+    pub(crate) of: usize,
+    pub(crate) component: usize,
+    pub(crate) coefficient: T,
+}
+
+/// Columns of a block, and where its numbers are.
+#[derive(Clone, Debug)]
+pub(crate) struct Block {
+    /// Loops, with the first column of each.
+    pub(crate) columns: Vec<(usize, usize)>,
+    pub(crate) width: usize,
+    /// Most rows that it can have.
+    pub(crate) most: usize,
+    /// First row among all blocks' rows.
+    pub(crate) row: usize,
+    /// First number of W among all blocks' (row after row).
+    pub(crate) number: usize,
+}
+
+/// What an elimination takes and gives.
+#[derive(Clone, Debug)]
+pub(crate) struct Operation {
+    /// The loop that is closed; a join closes none.
+    pub(crate) closes: Option<usize>,
+    /// Blocks that it takes, each with the new column of each of its columns.
+    pub(crate) inputs: Vec<(usize, Vec<usize>)>,
+    /// Columns of the closed loop, and of the others.
+    pub(crate) closing: usize,
+    pub(crate) others: usize,
+    /// The loops of the other columns, with the first column of each.
+    pub(crate) other_loops: Vec<(usize, usize)>,
+    /// The block that remains.
+    pub(crate) output: Option<usize>,
+    /// Most rows that are stacked.
+    pub(crate) most: usize,
+    /// First number of its matrix, of its rows and of its steps among all operations'.
+    pub(crate) number: usize,
+    pub(crate) row: usize,
+    pub(crate) step: usize,
+}
+
+/// What happens at one body, from tip to base.
+#[derive(Clone, Debug)]
+pub(crate) struct Station<T> {
+    /// Strands that begin here, before the joint.
+    pub(crate) begins: Vec<usize>,
+    /// Closings, in order.
+    pub(crate) closes: Range<usize>,
+    /// Strands that pass the joint.
+    pub(crate) passes: Vec<Passing>,
+    /// Coefficients of couplings on the joint.
+    pub(crate) entries: Vec<Entry<T>>,
+    /// The join, if a strand passes.
+    pub(crate) join: Option<usize>,
+    /// Blocks that wait before the joint.
+    pub(crate) waiting: Vec<usize>,
+}
+
+impl<T> Station<T> {
+    fn empty() -> Self {
+        Station {
+            begins: Vec::new(),
+            closes: 0..0,
+            passes: Vec::new(),
+            entries: Vec::new(),
+            join: None,
+            waiting: Vec::new(),
+        }
+    }
+}
+
+/// The elimination of a model.
+#[derive(Clone, Debug)]
+pub(crate) struct Structure<T> {
+    pub(crate) loops: Vec<Loop<T>>,
+    pub(crate) strands: Vec<Strand>,
+    /// Bodies of all strands.
+    pub(crate) paths: Vec<usize>,
+    /// One per body, then the ground.
+    pub(crate) stations: Vec<Station<T>>,
+    pub(crate) blocks: Vec<Block>,
+    pub(crate) operations: Vec<Operation>,
+    /// Closings in the order in which they are done.
+    pub(crate) closings: Vec<usize>,
+    /// Number of rows of all loops.
+    pub(crate) rows: usize,
+    /// Lengths of the arrays.
+    pub(crate) kept: usize,
+    pub(crate) strand_rows: usize,
+    pub(crate) block_rows: usize,
+    pub(crate) block_numbers: usize,
+    pub(crate) operation_rows: usize,
+    pub(crate) operation_numbers: usize,
+    pub(crate) operation_steps: usize,
+    /// Bodies on the longest path.
+    pub(crate) depth: usize,
+    /// Length that angles are multiplied with before they are compared with lengths, m.
+    pub(crate) length: f64,
+    /// Σ over joints of (rows of the loops that pass)².
+    pub(crate) nesting: usize,
+}
+
+impl<T: Real> Structure<T> {
+    /// Finds the loops of a model whose tree is `layout`.
+    pub(crate) fn new(model: &Model, layout: &Layout<T>) -> Result<Self, ClosureError> {
+        let mut structure = Structure {
+            loops: loops(model, layout)?,
+            strands: Vec::new(),
+            paths: Vec::new(),
+            stations: vec![Station::empty(); layout.len() + 1],
+            blocks: Vec::new(),
+            operations: Vec::new(),
+            closings: Vec::new(),
+            rows: 0,
+            kept: 0,
+            strand_rows: 0,
+            block_rows: 0,
+            block_numbers: 0,
+            operation_rows: 0,
+            operation_numbers: 0,
+            operation_steps: 0,
+            depth: 0,
+            length: scene_length(model, layout),
+            nesting: 0,
+        };
+        structure.rows = structure.loops.last().map_or(0, |l| l.rows.end);
+        let depths = depths(layout);
+        structure.depth = depths.iter().fold(0, |most, d| most.max(*d));
+        structure.open(layout, &depths);
+        structure.eliminate(layout);
+        Ok(structure)
+    }
+    /// Finds the ancestor of every loop and lays its strands.
+    fn open(&mut self, layout: &Layout<T>, depths: &[usize]) {
+        let bodies = layout.bodies();
+        let mut carrier = vec![GROUND; layout.nv()];
+        for (k, body) in bodies.iter().enumerate() {
+            carrier[body.v..body.v + body.hinge.nv()].fill(k);
+        }
+        for of in 0..self.loops.len() {
+            let m = self.loops[of].rows.len();
+            let (ends, gear) = match self.loops[of].kind {
+                LoopKind::Frames { a, b, .. } => ([a.body, b.body], false),
+                LoopKind::Gear { v, .. } => (v.map(|i| carrier[i]), true),
+            };
+            // A coupling opens at its joints: its branches meet above them.
+            let tops = if gear { ends.map(|k| bodies[k].parent) } else { ends };
+            let ancestor = common_ancestor(layout, depths, tops);
+            self.loops[of].ancestor = ancestor;
+            let depth = |k: usize| if k == GROUND { 0 } else { depths[k] };
+            // Of two joints on one path the outer one comes first: its strand passes the other.
+            let sides = if depth(ends[0]) >= depth(ends[1]) { [0, 1] } else { [1, 0] };
+            for side in sides {
+                let start = ends[side];
+                if start == ancestor
+                    || start == GROUND
+                    || self.stations[start].passes.iter().any(|p| p.of == of)
+                {
+                    continue;
+                }
+                let strand = self.strands.len();
+                self.strands.push(Strand { of, first: self.strand_rows, path: self.paths.len(), bodies: 0 });
+                self.strand_rows += m;
+                self.loops[of].strands[side] = Some(strand);
+                if !gear {
+                    self.stations[start].begins.push(strand);
+                }
+                let mut k = start;
+                while k != ancestor {
+                    let last = bodies[k].parent == ancestor;
+                    self.stations[k].passes.push(Passing { of, strand, kept: self.kept, column: 0, last });
+                    self.kept += m;
+                    self.paths.push(k);
+                    self.strands[strand].bodies += 1;
+                    k = bodies[k].parent;
+                }
+            }
+            if let LoopKind::Gear { v, multiplier, .. } = self.loops[of].kind {
+                for (i, coefficient) in [(0, T::one()), (1, -multiplier)] {
+                    let k = carrier[v[i]];
+                    let component = v[i] - bodies[k].v;
+                    self.stations[k].entries.push(Entry { of, component, coefficient });
+                }
+            }
+        }
+    }
+    /// Lays out blocks and operations, tip to base.
+    fn eliminate(&mut self, layout: &Layout<T>) {
+        let n = layout.len();
+        let mut closing: Vec<Vec<usize>> = vec![Vec::new(); n + 1];
+        for (of, l) in self.loops.iter().enumerate() {
+            closing[l.ancestor.min(n)].push(of);
+        }
+        for k in (0..n).rev() {
+            self.close_all(k, &closing[k]);
+            self.join(k, layout.bodies()[k].hinge.nv(), layout.bodies()[k].parent.min(n));
+        }
+        self.close_all(n, &closing[n]);
+    }
+    /// Appends a body's joint to its blocks.
+    fn join(&mut self, k: usize, freedoms: usize, parent: usize) {
+        if self.stations[k].passes.is_empty() {
+            return;
+        }
+        let mut columns = Vec::new();
+        let mut width = 0;
+        for i in 0..self.stations[k].passes.len() {
+            let of = self.stations[k].passes[i].of;
+            self.stations[k].passes[i].column = width;
+            columns.push((of, width));
+            width += self.loops[of].rows.len();
+        }
+        self.nesting += width * width;
+        let taken = self.stations[k].waiting.clone();
+        let rows = taken.iter().map(|&b| self.blocks[b].most).sum::<usize>() + freedoms;
+        let most = rows.min(2 * width);
+        let output = self.block(columns.clone(), width, most);
+        let operation = self.operation(None, &taken, 0, columns, width, rows, Some(output));
+        self.stations[k].join = Some(operation);
+        self.stations[parent].waiting.push(output);
+    }
+    /// Closes loops at a body, one at a time: next the one that touches fewest columns of others.
+    fn close_all(&mut self, k: usize, loops: &[usize]) {
+        let first = self.operations.len();
+        let mut open = vec![true; loops.len()];
+        // Blocks that a loop enters, among those that wait here.
+        let mut alive: Vec<usize> = self.stations[k].waiting.clone();
+        let mut touching: Vec<Vec<usize>> = vec![Vec::new(); loops.len()];
+        let place = |of: usize| loops.binary_search(&of).ok();
+        for &b in &alive {
+            for (of, _) in &self.blocks[b].columns {
+                if let Some(i) = place(*of) {
+                    touching[i].push(b);
+                }
+            }
+        }
+        let mut queue = BinaryHeap::new();
+        for i in 0..loops.len() {
+            queue.push(Reverse((self.coupled(loops[i], &touching[i]).1, i)));
+        }
+        while let Some(Reverse((degree, i))) = queue.pop() {
+            if !open[i] {
+                continue;
+            }
+            let (columns, width) = self.coupled(loops[i], &touching[i]);
+            if width != degree {
+                queue.push(Reverse((width, i)));
+                continue;
+            }
+            open[i] = false;
+            let taken = touching[i].clone();
+            let m = self.loops[loops[i]].rows.len();
+            // Room for the slack of an assembly.
+            let rows = taken.iter().map(|&b| self.blocks[b].most).sum::<usize>() + m;
+            let output =
+                (width > 0 && !taken.is_empty()).then(|| self.block(columns.clone(), width, rows.min(width)));
+            let operation = self.operation(Some(loops[i]), &taken, m, columns.clone(), width, rows, output);
+            self.closings.push(operation);
+            alive.retain(|b| !taken.contains(b));
+            alive.extend(output);
+            for (of, _) in columns {
+                if let Some(j) = place(of).filter(|&j| open[j]) {
+                    touching[j].retain(|b| !taken.contains(b));
+                    touching[j].extend(output);
+                    queue.push(Reverse((self.coupled(loops[j], &touching[j]).1, j)));
+                }
+            }
+        }
+        self.stations[k].closes = first..self.operations.len();
+        self.stations[k].waiting = alive;
+    }
+    /// The columns of other loops in these blocks, in order, and their number.
+    fn coupled(&self, of: usize, blocks: &[usize]) -> (Vec<(usize, usize)>, usize) {
+        let mut others: Vec<usize> = blocks
+            .iter()
+            .flat_map(|&b| self.blocks[b].columns.iter().map(|c| c.0))
+            .filter(|&o| o != of)
+            .collect();
+        others.sort_unstable();
+        others.dedup();
+        let mut width = 0;
+        let columns = others
+            .into_iter()
+            .map(|o| {
+                width += self.loops[o].rows.len();
+                (o, width - self.loops[o].rows.len())
+            })
+            .collect();
+        (columns, width)
+    }
+    fn block(&mut self, columns: Vec<(usize, usize)>, width: usize, most: usize) -> usize {
+        self.blocks.push(Block { columns, width, most, row: self.block_rows, number: self.block_numbers });
+        self.block_rows += most;
+        self.block_numbers += most * width;
+        self.blocks.len() - 1
+    }
+    #[allow(clippy::too_many_arguments)]
+    fn operation(
+        &mut self,
+        closes: Option<usize>,
+        taken: &[usize],
+        closing: usize,
+        other_loops: Vec<(usize, usize)>,
+        others: usize,
+        most: usize,
+        output: Option<usize>,
+    ) -> usize {
+        let column_of = |of: usize| {
+            if Some(of) == closes {
+                return 0;
+            }
+            let at = other_loops.iter().find(|(o, _)| *o == of);
+            closing + at.map_or(0, |(_, column)| *column)
+        };
+        let inputs = taken
+            .iter()
+            .map(|&b| {
+                let map = self.blocks[b]
+                    .columns
+                    .iter()
+                    .flat_map(|&(of, _)| (0..self.loops[of].rows.len()).map(move |i| (of, i)))
+                    .map(|(of, i)| column_of(of) + i)
+                    .collect();
+                (b, map)
+            })
+            .collect();
+        let (number, row, step) = (self.operation_numbers, self.operation_rows, self.operation_steps);
+        self.operations.push(Operation {
+            closes,
+            inputs,
+            closing,
+            others,
+            other_loops,
+            output,
+            most,
+            number,
+            row,
+            step,
+        });
+        self.operation_numbers += most * (closing + others + 6);
+        self.operation_rows += most;
+        self.operation_steps += closing + others;
+        self.operations.len() - 1
+    }
+}

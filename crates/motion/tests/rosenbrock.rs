@@ -1,0 +1,233 @@
+//! Rosenbrock methods: linearisations against differences, orders, a stiff scene.
+
+mod common;
+use common::*;
+use phipsi_model::{Model, State};
+use phipsi_motion::forces::{
+    BodyWrench, JointDissipation, JointSpring, JointTorque, PointSpring, Servo, WrenchAxes,
+};
+use phipsi_motion::system::differences;
+use phipsi_motion::{Dynamics, Force, Integrator, Linearization, Method, Signal, System, Tolerances};
+use phipsi_reference::generate::case;
+use phipsi_spatial::Vec3;
+
+/// Every force that has derivatives, on bodies and joints of a model.
+fn forces(model: &Model, seed: u64) -> Vec<Box<dyn Force>> {
+    let mut forces: Vec<Box<dyn Force>> = Vec::new();
+    let one_axis = |k: &usize| model.joints()[*k].kind.nv() == 1;
+    if let Some(k) = model.moving_joints().find(one_axis) {
+        let (coordinate, dof) = (model.q_offset(k), model.v_offset(k));
+        forces.push(Box::new(JointSpring {
+            name: "spring".into(),
+            coordinate,
+            dof,
+            stiffness: 3.0,
+            damping: 0.7,
+            rest: 0.1,
+        }));
+        forces.push(Box::new(Servo {
+            name: "servo".into(),
+            coordinate,
+            dof,
+            target: Signal::function(|t| t.sin(), |t| t.cos()),
+            stiffness: 2.0,
+            damping: 0.3,
+            integral: 1.5,
+            limit: f64::INFINITY,
+        }));
+        forces.push(Box::new(JointTorque { name: "torque".into(), dof, value: Signal::Constant(0.4) }));
+    }
+    let last = model.len() - 1;
+    let body = seed as usize % model.len();
+    forces.push(Box::new(PointSpring {
+        name: "cord".into(),
+        bodies: [None, Some(last)],
+        points: [Vec3([1.0, 2.0, -3.0]), Vec3([0.1, -0.2, 0.3])],
+        stiffness: 4.0,
+        damping: 0.9,
+        rest_length: 0.5,
+    }));
+    if body != last {
+        forces.push(Box::new(PointSpring {
+            name: "strut".into(),
+            bodies: [Some(body), Some(last)],
+            points: [Vec3([0.4, 0.0, 0.2]), Vec3([-0.1, 0.5, 0.0])],
+            stiffness: 2.0,
+            damping: 1.1,
+            rest_length: 1.0,
+        }));
+    }
+    let pull = [0.3, -0.2, 0.5, 1.0, 2.0, -1.5].map(Signal::Constant);
+    forces.push(Box::new(BodyWrench {
+        name: "pull".into(),
+        body,
+        point: Vec3([0.2, 0.1, -0.3]),
+        axes: WrenchAxes::World,
+        components: pull,
+    }));
+    forces.extend(JointDissipation::new(model, 0.5).map(|d| Box::new(d) as Box<dyn Force>));
+    forces
+}
+
+/// The blocks from derivatives are those by differences, on generated trees with joints of all kinds.
+#[test]
+fn linearisations_are_difference_quotients() {
+    let seeds: Vec<u64> = match std::env::var("PHIPSI_SEED") {
+        Ok(seed) => vec![seed.parse().unwrap()],
+        Err(_) => (0..60).collect(),
+    };
+    let mut looked = 0;
+    for seed in seeds {
+        let model = case(seed).model;
+        if model.refused_closure().is_some() || model.is_empty() {
+            continue;
+        }
+        let State { q, v, .. } = model.random_state(seed);
+        let mut dynamics = Dynamics::new(&model, forces(&model, seed)).unwrap();
+        let aux: Vec<f64> = (0..dynamics.auxiliary_len()).map(|i| 0.1 * i as f64 - 0.2).collect();
+        let mut own = Linearization::new(model.nv(), aux.len());
+        // A singular hinge is refused by both.
+        let Ok(evaluations) = dynamics.linearize(0.7, &q, &v, &aux, &mut own) else { continue };
+        assert_eq!(evaluations, 0, "seed {seed}: by differences");
+        let mut other = Linearization::new(model.nv(), aux.len());
+        differences(&mut dynamics, 0.7, (&q, &v, &aux), &mut other).unwrap();
+        for (name, a, b) in [
+            ("A_q", &own.a_q, &other.a_q),
+            ("A_v", &own.a_v, &other.a_v),
+            ("A_aux", &own.a_aux, &other.a_aux),
+        ] {
+            let size = a.iter().fold(1.0f64, |m, x| m.max(x.abs()));
+            for (i, (a, b)) in a.iter().zip(b).enumerate() {
+                // Differences of size 6e-6: truncation 4e-11 of the third derivative, rounding 2e-11 of the accelerations, which
+                // exceed these entries by up to 1e4 where light bodies are pulled.
+                assert!((a - b).abs() < 1e-6 * size, "seed {seed}, {name} {i}: {a} {b}");
+            }
+        }
+        looked += 1;
+    }
+    assert!(looked > 0);
+}
+
+fn order_of(
+    model: &Model,
+    make: &dyn Fn() -> Vec<Box<dyn Force>>,
+    start: &State,
+    method: Method,
+    counts: &[usize],
+) -> f64 {
+    let mut dynamics = free_fall(model, make());
+    let t_end = 1.0;
+    let (exact, _) = run(&mut dynamics, Method::Dop853, 1e-14, &start.q, &start.v, t_end);
+    let points: Vec<(f64, f64)> = counts
+        .iter()
+        .map(|&n| {
+            let mut dynamics = free_fall(model, make());
+            let aux = vec![0.0; dynamics.auxiliary_len()];
+            let accept = Tolerances { rtol: f64::INFINITY, atol: f64::INFINITY, max_step: f64::INFINITY };
+            let mut i = Integrator::new(model, method, accept, 0.0, &start.q, &start.v, &aux);
+            for step in 1..=n {
+                let t = t_end * step as f64 / n as f64;
+                i.propose(t - i.t());
+                i.step(&mut dynamics, t, false).unwrap();
+            }
+            let q = model.difference(exact.q(), i.q()).iter().fold(0.0f64, |m, x| m.max(x.abs()));
+            let aux = exact.aux().iter().zip(i.aux()).fold(0.0f64, |m, (a, b)| m.max((a - b).abs()));
+            ((n as f64).ln(), q.max(aux).ln())
+        })
+        .collect();
+    let n = points.len() as f64;
+    let (x, y) = points.iter().fold((0.0, 0.0), |m, p| (m.0 + p.0 / n, m.1 + p.1 / n));
+    let slope = points.iter().map(|p| (p.0 - x) * (p.1 - y)).sum::<f64>()
+        / points.iter().map(|p| (p.0 - x).powi(2)).sum::<f64>();
+    -slope
+}
+
+/// On a double pendulum under a torque that depends on time, with the work that is integrated beside it.
+#[test]
+fn orders_show_with_forces_that_depend_on_time() {
+    let model = double_pendulum();
+    let make = || -> Vec<Box<dyn Force>> {
+        let value = Signal::function(|t| 3.0 * (2.0 * t).sin(), |t| 6.0 * (2.0 * t).cos());
+        let spring = JointSpring {
+            name: "spring".into(),
+            coordinate: 1,
+            dof: 1,
+            stiffness: 5.0,
+            damping: 0.5,
+            rest: 0.2,
+        };
+        vec![Box::new(JointTorque { name: "torque".into(), dof: 0, value }), Box::new(spring)]
+    };
+    let start = State { q: vec![0.5, 0.6], v: vec![0.0; 2], t: 0.0 };
+    // Rodas4's leading error terms are small: the order shows at fine steps only.
+    let counts = [(Method::Rodas4, [400, 560, 800, 1120, 1600]), (Method::Rodas5p, [60, 80, 120, 160, 240])];
+    for (method, counts) in counts {
+        let observed = order_of(&model, &make, &start, method, &counts);
+        let order = f64::from(method.order());
+        assert!((observed - order).abs() < 0.3, "{method:?}: observed {observed:.2}");
+    }
+}
+
+/// Without ½ ad_v in the Jacobian the order of a free base would fall to two or three.
+#[test]
+fn orders_show_on_a_free_base() {
+    let model = free_body([1.0, 2.0, 2.5]);
+    let start = State { q: model.neutral(), v: vec![0.7, 1.3, -0.4, 0.2, 0.1, -0.3], t: 0.0 };
+    for method in [Method::Rodas4, Method::Rodas5p] {
+        let observed = order_of(&model, &Vec::new, &start, method, &[10, 14, 20, 28]);
+        let order = f64::from(method.order());
+        assert!((observed - order).abs() < 0.4, "{method:?}: observed {observed:.2}");
+    }
+}
+
+/// A damped spring of 1e8 N·m/rad: steps of a hundredth of a second, where an explicit method needs some 1e6.
+#[test]
+fn a_stiff_spring_does_not_limit_the_step() {
+    let model = double_pendulum();
+    let make = || -> Vec<Box<dyn Force>> {
+        vec![Box::new(JointSpring {
+            name: "weld".into(),
+            coordinate: 1,
+            dof: 1,
+            stiffness: 1e8,
+            damping: 1e6,
+            rest: 0.0,
+        })]
+    };
+    for method in [Method::Rodas4, Method::Rodas5p] {
+        let mut dynamics = free_fall(&model, make());
+        let (end, steps) = run(&mut dynamics, method, 1e-6, &[0.5, 0.0], &[0.0; 2], 2.0);
+        assert!(steps.len() < 400, "{method:?}: {} steps", steps.len());
+        // As the stiffness grows, the two rods are one of 2 m: a pendulum with moment 8/3 and weight 2 g at 1 m.
+        let one = {
+            use phipsi_model::{Body, Inertia, Joint, ModelBuilder};
+            let rod = Inertia::from_principal(2.0, [0.0, 0.0, -1.0], [2.0 / 3.0, 2.0 / 3.0, 0.0]);
+            let builder = ModelBuilder::new("rod").body(Body::new("rod", rod));
+            builder.joint(Joint::new("hinge", Y), "world", "rod").gravity([0.0, 0.0, -9.81]).build().unwrap()
+        };
+        let (rigid, _) = run(&mut free_fall(&one, vec![]), Method::Dop853, 1e-12, &[0.5], &[0.0], 2.0);
+        // The elbow yields by torque/stiffness = 1e-7.
+        assert!((end.q()[0] - rigid.q()[0]).abs() < 1e-5, "{method:?}: {} {}", end.q()[0], rigid.q()[0]);
+        assert!(end.q()[1].abs() < 1e-6, "{method:?}: {}", end.q()[1]);
+    }
+}
+
+/// Samples inside stiff steps are as good as the steps.
+#[test]
+fn dense_output_has_the_order_of_the_embedded_method() {
+    let model = double_pendulum();
+    for (method, allowed) in [(Method::Rodas4, 1e-6), (Method::Rodas5p, 1e-6)] {
+        let mut dynamics = free_fall(&model, vec![]);
+        let mut i = Integrator::new(&model, method, Tolerances::new(1e-7), 0.0, &[1.5, -0.4], &[0.0; 2], &[]);
+        let (mut q, mut v) = ([0.0; 2], [0.0; 2]);
+        while i.t() < 1.0 {
+            let step = i.step(&mut dynamics, 1.0, false).unwrap();
+            let t = 0.6 * step.t0 + 0.4 * step.t1;
+            i.sample(&mut dynamics, t, &mut q, &mut v, &mut []).unwrap();
+            let (exact, _) =
+                run(&mut free_fall(&model, vec![]), Method::Dop853, 1e-12, &[1.5, -0.4], &[0.0; 2], t);
+            let error = (0..2).map(|k| (q[k] - exact.q()[k]).abs()).fold(0.0, f64::max);
+            assert!(error < allowed, "{method:?} at {t}: {error:e}");
+        }
+    }
+}
