@@ -70,8 +70,10 @@ FOLLOW = (
 def test_mimic():
     closed = phipsi.Model.from_urdf_text(FOLLOW)
     assert closed.nv == 2
+    a = closed.forward_dynamics([0, 0], [0, 0], [1, 0])
+    assert a[0] == pytest.approx(a[1], rel=1e-14)
     with pytest.raises(phipsi.ModelError, match='mimic = "free"') as caught:
-        closed.forward_dynamics([0, 0], [0, 0], [0, 0])
+        closed.inverse_dynamics([0, 0], [0, 0], [0, 0])
     assert caught.value.errors[0].place == "joint `follow`"
     with pytest.raises(phipsi.ModelError):
         phipsi.simulate(closed, t_end=1.0)

@@ -58,8 +58,14 @@ def test_loops_agree_with_extended_precision(name: str) -> None:
     assert error(force, layout.f_in(array["generalized_constraint_force_ext"])) <= 1e-12
     assert (info.rank == array["rank"]).all()
     assert (info.closure_residual < 1e-12).all() and (info.backward_error < 1e-13).all()
-    # One state gives what it gives in a batch.
-    assert (m.forward_dynamics(q[1], v[1], tau[1]) == a[1]).all()
+    # One state gives what it gives in a batch of any shape.
+    assert (m.forward_dynamics(q[-1], v[-1], tau[-1]) == a[-1]).all()
+    assert m.generalized_constraint_force(q, v[:, None], tau[:, None]).shape == (len(q), len(q), m.nv)
+    single = m.closure_forces(q[-1], v[-1], tau[-1])
+    for name, batched in m.closure_forces(q, v, tau).items():
+        assert (batched[-1] == single[name]).all()
+    assert (m.assemble(q)[0][-1] == m.assemble(q[-1])[0]).all()
+    assert (m.closure_residual(q)[-1] == m.closure_residual(q[-1])).all()
 
 
 def test_closures_are_asked_and_assembled() -> None:
@@ -91,7 +97,7 @@ def test_a_mimic_couples_two_joints() -> None:
     # (2 + 9 · 0.5) θ̈ = 1 − 3 · 0.5.
     np.testing.assert_allclose(a, np.array([1, -3]) * -0.5 / 6.5, rtol=1e-14)
     with pytest.raises(phipsi.ModelError):
-        m.mass_matrix([0.0, 0.0])
+        m.inverse_dynamics([0.0, 0.0], [0.0, 0.0], [0.0, 0.0])
 
 
 def test_wrong_closures_are_refused() -> None:
