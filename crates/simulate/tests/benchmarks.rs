@@ -20,7 +20,11 @@ fn end(name: &str, overrides: &[&str]) -> Summary {
 fn tight_runs_reach_the_reference_values() {
     for (name, line, why) in [
         ("pendulum.toml", 1e-11, "tolerance 1e-13 over four periods; measured 2e-12"),
-        ("light_cart_pole.toml", 1e-8, "4060 steps through 11 turns of 1e-6 s; accepted is 1e-6, measured 1.5e-9"),
+        (
+            "light_cart_pole.toml",
+            1e-8,
+            "4060 steps through 11 turns of 1e-6 s; accepted is 1e-6, measured 1.5e-9",
+        ),
         ("double_pendulum.toml", 1e-11, "neighbouring motions separate a hundredfold; measured 2e-13"),
         ("chain10.toml", 1e-11, "likewise; measured 9e-13"),
         ("torque_free.toml", 1e-8, "four flips multiply rounding by 1e6; measured 1e-9"),

@@ -64,7 +64,11 @@ fn a_chaotic_scene_has_a_horizon() {
     let (report, _scratch) = made(&benchmark("chain10.toml"), &["integrator.t_end=20"], 10.0);
     let horizon = report.reference.horizon.unwrap();
     assert!(horizon > 2.0 && horizon < 15.0, "{horizon}");
-    assert!(report.warnings.iter().any(|w| w.contains("neighbouring motions separate")), "{:?}", report.warnings);
+    assert!(
+        report.warnings.iter().any(|w| w.contains("neighbouring motions separate")),
+        "{:?}",
+        report.warnings
+    );
     let best = report.advice.last().unwrap();
     assert!(best.trial.is_none() && best.why.as_ref().unwrap().contains("agree"));
     assert!(report.trials.iter().any(|t| t.failed.is_none() && t.energy_error < 1e-9));
@@ -74,7 +78,8 @@ fn a_chaotic_scene_has_a_horizon() {
 #[test]
 fn advice_removes_what_another_method_does_not_have() {
     let path = benchmark("pendulum.toml");
-    let overrides = ["integrator.method=rk4", "integrator.rtol=", "integrator.step=0.01", "integrator.t_end=2"];
+    let overrides =
+        ["integrator.method=rk4", "integrator.rtol=", "integrator.step=0.01", "integrator.t_end=2"];
     let (report, _scratch) = made(&path, &overrides, 5.0);
     let trial = report.trials.iter().find(|t| t.method == "dop853").unwrap();
     let settings = report.settings(trial);
