@@ -5,11 +5,15 @@
 //! | method | DOP853 on increments, tolerance 1e-13 | extrapolation of order 16 on embedded coordinates |
 //! | numbers | f64 | double-double where the scene is small and its forces can be had in them, else f64 |
 //!
+//! Where these two differ by more than 1e-12 though the motion is known (a stiff scene, whose fast forces multiply rounding), a
+//! third one by Rodas5P is made, and the two of the three that agree best are the reference.
+//!
 //! They share the model, the forces and (in f64) forward dynamics; formulas, coefficients, coordinates and step control differ. The
 //! error of the second is at most about what they differ by, which is told.
 
 use super::{Budget, ReportWatcher};
 use crate::error::SimulateError;
+use crate::folder::summary::short;
 use crate::record::spread;
 use crate::simulation::Simulation;
 use phipsi_model::{Model, State};
@@ -31,6 +35,9 @@ const PLAIN: f64 = 1e-13;
 
 /// Tolerance of the extrapolation in double-double numbers: below the rounding of f64.
 const WIDE: f64 = 1e-18;
+
+/// Tolerance of the third reference, and the agreement of the others that is worse than it should be.
+const THIRD: f64 = 1e-12;
 
 /// Cost of an evaluation in double-double numbers over one in f64 (docs, Accuracy of forward dynamics).
 const WIDE_COST: f64 = 60.0;
@@ -102,7 +109,8 @@ impl Reference {
         for t in TOLERANCES {
             tolerance = t;
             let tolerances = Tolerances { rtol: t, atol: t, max_step: simulation.tolerances.max_step };
-            let next = by_steps(simulation, tolerances, &times, &breaks, 0.4 * seconds, &mut look)?;
+            let next =
+                by_steps(simulation, Method::Dop853, tolerances, &times, &breaks, 0.4 * seconds, &mut look)?;
             let better = next.states.len() >= first.states.len();
             if better {
                 first = next;
@@ -131,6 +139,35 @@ impl Reference {
             Some(second) => second,
             None => (plain(simulation, &first, &breaks, seconds, &mut look), false),
         };
+        let mut methods = [
+            format!("dop853, tolerance {tolerance:e}"),
+            match wide {
+                true => format!("extrapolation of order 16, tolerance {WIDE:e}, double-double numbers"),
+                false => format!("extrapolation of order 16, tolerance {PLAIN:e}"),
+            },
+        ];
+        let mut second = second;
+        let cost = (first.evaluations + second.evaluations, first.wall_s + second.wall_s);
+        let mut third_cost = (0, 0.0);
+        let doubtful = |worst: f64| worst > THIRD && worst <= KNOWN;
+        if !wide && simulation.molecule.is_none() && doubtful(worst(simulation.model(), &first, &second)) {
+            let tolerances =
+                Tolerances { rtol: THIRD, atol: THIRD, max_step: simulation.tolerances.max_step };
+            let share = 0.5 * seconds;
+            let third = by_steps(simulation, Method::Rodas5p, tolerances, &times, &breaks, share, &mut look)?;
+            third_cost = (third.evaluations, third.wall_s);
+            let model = simulation.model();
+            if third.states.len() == first.states.len().min(second.states.len()) {
+                let pairs =
+                    [(&first, &second), (&first, &third), (&second, &third)].map(|(a, b)| worst(model, a, b));
+                let name = format!("rodas5p, tolerance {THIRD:e}");
+                if pairs[1] < pairs[0] && pairs[1] <= pairs[2] {
+                    (second, methods[1]) = (third, name);
+                } else if pairs[2] < pairs[0] {
+                    (first, methods[0]) = (third, name);
+                }
+            }
+        }
         let model = simulation.model();
         let mut reference = Reference {
             states: Vec::new(),
@@ -138,17 +175,11 @@ impl Reference {
             agreement: [0.0; 2],
             horizon: None,
             why: None,
-            methods: [
-                format!("dop853, tolerance {tolerance:e}"),
-                match wide {
-                    true => format!("extrapolation of order 16, tolerance {WIDE:e}, double-double numbers"),
-                    false => format!("extrapolation of order 16, tolerance {PLAIN:e}"),
-                },
-            ],
+            methods,
             wide,
             why_not_wide,
-            evaluations: first.evaluations + second.evaluations,
-            wall_s: first.wall_s + second.wall_s,
+            evaluations: cost.0 + third_cost.0,
+            wall_s: cost.1 + third_cost.1,
         };
         let mut known = true;
         for (a, b) in first.states.iter().zip(&second.states) {
@@ -179,12 +210,21 @@ impl Reference {
         vec![match self.states.is_empty() {
             true => format!("the motion is not known at any instant ({why}): no error can be judged"),
             false => format!(
-                "the motion is known up to t = {horizon} {unit} of {} {unit} ({why}); errors are those up to then, beyond it \
+                "the motion is known up to t = {} {unit} of {} {unit} ({why}); errors are those up to then, beyond it \
                  only conserved quantities are judged",
-                simulation.t_end
+                short(horizon),
+                short(simulation.t_end)
             ),
         }]
     }
+}
+
+/// Largest difference in q at the instants that both have; infinite where the second has not all of the first's.
+fn worst(model: &Model, a: &Track, b: &Track) -> f64 {
+    if b.states.len() < a.states.len() {
+        return f64::INFINITY;
+    }
+    a.states.iter().zip(&b.states).map(|(a, b)| apart(model, a, b)[0]).fold(0.0, f64::max)
 }
 
 /// Largest components of the difference in q and in v.
@@ -198,6 +238,7 @@ pub fn apart(model: &Model, a: &State, b: &State) -> [f64; 2] {
 /// The first reference; it lands on every instant, so that no interpolation enters.
 fn by_steps(
     simulation: &mut Simulation,
+    method: Method,
     tolerances: Tolerances,
     times: &[f64],
     breaks: &[f64],
@@ -208,7 +249,7 @@ fn by_steps(
     let mut track = Track { states: Vec::new(), evaluations: 0, wall_s: 0.0, ended: None };
     let dynamics = &mut simulation.dynamics;
     let aux = vec![0.0; dynamics.auxiliary_len()];
-    let scheme = Scheme::Explicit(Method::Dop853);
+    let scheme = Scheme::Explicit(method);
     let mut stepper = Stepper::new(dynamics, scheme, tolerances, &simulation.start, &aux)
         .map_err(|e| SimulateError::stopped(&e, dynamics.model()))?;
     'instants: for &time in times {
@@ -226,7 +267,7 @@ fn by_steps(
                     break 'instants;
                 }
             }
-            if look("first reference") {
+            if look("reference by steps") {
                 track.ended = Some("stopped by the user".into());
             } else if clock.elapsed().as_secs_f64() > seconds {
                 track.ended = Some(format!("{seconds:.0} s of wall time were used up"));
@@ -324,7 +365,7 @@ fn extrapolate<T: Real, E: std::fmt::Display>(
                     }
                     ExtrapolationError::Derivative { t, cause } => format!("at t = {t}: {cause}"),
                 });
-            } else if look("second reference") {
+            } else if look("reference by extrapolation") {
                 track.ended = Some("stopped by the user".into());
             } else if clock.elapsed().as_secs_f64() > seconds {
                 track.ended = Some(format!("{seconds:.0} s of wall time were used up"));
