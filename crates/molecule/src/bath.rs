@@ -13,6 +13,9 @@ use phipsi_recursion::DynamicsError;
 /// The stream of a seed from which baths draw; the first one gives the velocities at the start.
 const STREAM: u64 = 1 << 32;
 
+/// Refused Langevin drifts one after the other after which the step is the fault, and not the momenta.
+const MOST_IN_A_ROW: u64 = 20;
+
 /// Everything of a bath that continues a run bit for bit, beside the [`MidpointState`].
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -23,8 +26,10 @@ pub struct BathState {
     pub heat: f64,
     /// Chains of bases and of hinges.
     pub chains: [ChainState; 2],
-    /// Monte Carlo trajectories.
+    /// Monte Carlo trajectories; of Langevin dynamics the refused drifts.
     pub trials: Trials,
+    /// Refused Langevin drifts up to now, one after the other.
+    pub in_a_row: u64,
 }
 
 /// A heat bath.
@@ -39,6 +44,7 @@ pub struct Bath {
     heat: f64,
     chains: [ChainState; 2],
     trials: Trials,
+    in_a_row: u64,
     removed: usize,
     exchange: Exchange,
     thermostats: Chains,
@@ -87,6 +93,7 @@ impl Bath {
             heat: 0.0,
             chains,
             trials: Trials::default(),
+            in_a_row: 0,
             removed,
             exchange: Exchange::new(method),
             thermostats,
@@ -122,18 +129,22 @@ impl Bath {
     /// What a checkpoint keeps.
     pub fn state(&self) -> BathState {
         let deviates = self.deviates.state();
-        BathState { deviates, heat: self.heat, chains: self.chains, trials: self.trials }
+        let Bath { heat, chains, trials, in_a_row, .. } = *self;
+        BathState { deviates, heat, chains, trials, in_a_row }
     }
     /// Continues from a checkpoint of the same run; the method is restored by itself.
     pub fn restore(&mut self, state: &BathState) {
         self.deviates = Deviates::at(state.deviates);
-        (self.heat, self.chains, self.trials) = (state.heat, state.chains, state.trials);
+        (self.heat, self.chains) = (state.heat, state.chains);
+        (self.trials, self.in_a_row) = (state.trials, state.in_a_row);
     }
 
     /// One step of size h, or one Monte Carlo trajectory, of at most `most` steps. Returns how many.
     ///
     /// # Errors
-    /// [`MidpointError`]; method and bath are as before. Monte Carlo refuses trajectories instead.
+    /// [`MidpointError`]; method and bath are as before. Monte Carlo refuses trajectories instead; Langevin dynamics meets a
+    /// drift that does not converge by reversing the momenta, which leaves the distribution as it is, up to twenty times in a
+    /// row.
     pub fn advance<C: Conservative>(
         &mut self,
         method: &mut Midpoint,
@@ -169,7 +180,18 @@ impl Bath {
                 let c = (-0.5 * friction * h).exp();
                 let (exchange, deviates) = (&mut self.exchange, &mut self.deviates);
                 self.heat += exchange.run(method, deviates, self.kt, c).map_err(failed)?.0;
-                method.step(system, h)?;
+                match method.step(system, h) {
+                    Ok(_) => self.in_a_row = 0,
+                    Err(MidpointError::NotConverged { iterations, .. }) if self.in_a_row < MOST_IN_A_ROW => {
+                        let state = method.state();
+                        let counts = (t + h, state.steps + 1, state.iterations + iterations as u64);
+                        exchange.reverse(method).map_err(failed)?;
+                        method.count(counts.0, counts.1, counts.2);
+                        self.in_a_row += 1;
+                        self.trials.refused += 1;
+                    }
+                    Err(e) => return Err(e),
+                }
                 self.heat += exchange.run(method, deviates, self.kt, c).map_err(failed)?.0;
             }
             Ensemble::NoseHoover { .. } => {

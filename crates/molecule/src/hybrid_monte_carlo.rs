@@ -30,7 +30,7 @@ pub struct Trials {
     pub made: u64,
     /// Accepted ones.
     pub accepted: u64,
-    /// Refused ones: a step could not be made, or did not return.
+    /// Refused ones: a step could not be made, or did not return. Of Langevin dynamics: drifts that did not converge.
     pub refused: u64,
     /// Σ e^(−ΔH/kT) of those that were not refused.
     pub weight: f64,
@@ -43,7 +43,7 @@ impl Trials {
     }
     /// Mean e^(−ΔH/kT) of the trajectories that were not refused: 1 within its error.
     pub fn mean_weight(&self) -> Option<f64> {
-        let made = self.made - self.refused;
+        let made = self.made.saturating_sub(self.refused);
         (made > 0).then(|| self.weight / made as f64)
     }
 }

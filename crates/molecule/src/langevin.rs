@@ -6,6 +6,9 @@
 //! | M^½ ξ, M^(−*½) ξ | (I + HφK) D^½ ξ and (I − HψK)* D^(−½) ξ = M⁻¹ M^½ ξ: the noise of momenta and of velocities | soa.md 3.8 |
 //! | OBABO | O(h/2), step of [`phipsi_motion::Midpoint`], O(h/2) | |
 //!
+//! A drift that does not converge is refused: the momenta are reversed, a map that leaves e^(−H/kT) invariant as the step
+//! itself does, and the run goes on.
+//!
 //! O leaves e^(−K/kT) invariant exactly, whatever h; the step between conserves it to second order. K before and after are
 //! known, so that the heat taken from the bath is too: E − heat changes by the error of the steps alone.
 
