@@ -109,7 +109,7 @@ fn check_independence(what: &str, x: &[f64]) {
 }
 
 fn draw(model: &Model, fixman: bool, plan: (f64, u64, usize), samples: usize, measure: impl FnMut(&[f64])) {
-    let trials = sample(model, fixman, plan, samples, measure);
+    let trials = sample(model, fixman, plan, samples, 1, measure);
     let (acceptance, weight) = (trials.acceptance().unwrap(), trials.mean_weight().unwrap());
     let refused = trials.refused;
     println!("acceptance {acceptance:.3}, ⟨exp(−ΔH/kT)⟩ {weight:.4}, refused {refused} of {}", trials.made);

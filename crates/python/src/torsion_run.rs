@@ -2,7 +2,7 @@
 
 use crate::batch::array;
 use crate::errors::{Field, argument_error, choice_error, dynamics_error};
-use crate::torsion_model::{Moving, TorsionModel, check_temperature};
+use crate::torsion_model::{Moving, OwnBath, TorsionModel, check_temperature};
 use numpy::PyArrayDyn;
 use phipsi::formats::dcd::{DcdError, DcdTiming, DcdWriter};
 use phipsi::molecule::{

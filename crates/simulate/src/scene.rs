@@ -165,8 +165,16 @@ fn read(
     let outputs = output::read(&mut scene, &model, report);
     let (known, known_source) = output::reference(&mut scene, &outputs, report);
     let molecule = molecule.map(|m| {
-        forces.push(m.force);
-        m.molecule
+        forces.extend(m.forces);
+        let mut molecule = m.molecule;
+        molecule.ensemble = settings.as_ref().map_or(molecule.ensemble, |s| s.ensemble);
+        if molecule.has_bath() && molecule.temperature.is_none_or(|t| t == 0.0) {
+            let found = format!("ensemble = \"{}\" without a temperature above zero", molecule.ensemble.word());
+            let required = "the temperature of the bath";
+            let remedy = "set `temperature_K` in [molecule]";
+            report.errors.push(Problem::new(None, "integrator", found, required, remedy));
+        }
+        molecule
     });
     let present = [
         "model",

@@ -113,6 +113,7 @@ pub fn sample(
     fixman: bool,
     (h, n, thin): (f64, u64, usize),
     samples: usize,
+    seed: u64,
     mut measure: impl FnMut(&[f64]),
 ) -> Trials {
     let mut free = |_: &[f64], forces: &mut [f64]| {
@@ -124,10 +125,10 @@ pub fn sample(
     let fixman = fixman.then_some(&mut potential);
     let mut system = WithFixman { inner: &mut free, fixman };
     // Away from straight angles and from symmetry.
-    let q = model.random_state(1).q;
+    let q = model.random_state(seed).q;
     let mut method = Midpoint::new(model, &mut system, 0.0, &q, &vec![0.0; model.nv()]).unwrap();
     let ensemble = Ensemble::HybridMonteCarlo { steps: n };
-    let mut bath = Bath::new(&mut method, ensemble, KT, 3).unwrap();
+    let mut bath = Bath::new(&mut method, ensemble, KT, seed).unwrap();
     for i in 0..(samples + 20) * thin {
         bath.advance(&mut method, &mut system, h, n).unwrap();
         if i >= 20 * thin && i % thin == thin - 1 {
