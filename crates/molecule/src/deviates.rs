@@ -19,6 +19,7 @@ pub struct Deviates {
 
 /// The place in a stream: what a checkpoint keeps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DeviatesState {
     /// The seed.
     pub seed: u64,

@@ -126,6 +126,33 @@ pub struct MidpointState {
     pub iterations: u64,
 }
 
+impl MidpointState {
+    fn check(&self, model: &Model) -> Result<(), DynamicsError> {
+        let (nq, nv) = (model.nq(), model.nv());
+        for (argument, expected, found) in [
+            ("q", nq, self.q.len()),
+            ("p", nv, self.p.len()),
+            ("forces", nv, self.forces.len()),
+            ("guess", nv, self.guess.len()),
+        ] {
+            if expected != found {
+                return Err(DynamicsError::Shape { argument, expected, found });
+            }
+        }
+        Ok(())
+    }
+    /// Becomes another state of the same model, without an allocation.
+    pub fn copy(&mut self, other: &Self) {
+        let MidpointState { t, q, p, forces, potential, guess, steps, iterations } = other;
+        for (to, from) in
+            [(&mut self.q, q), (&mut self.p, p), (&mut self.forces, forces), (&mut self.guess, guess)]
+        {
+            to.clone_from(from);
+        }
+        (self.t, self.potential, self.steps, self.iterations) = (*t, *potential, *steps, *iterations);
+    }
+}
+
 /// How a drift went.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DriftInfo {
@@ -239,17 +266,7 @@ impl Midpoint {
     /// # Errors
     /// [`DynamicsError::Shape`] if a length is not the model's.
     pub fn restore(&mut self, state: MidpointState) -> Result<(), DynamicsError> {
-        let (nq, nv) = (self.model.nq(), self.model.nv());
-        for (argument, expected, found) in [
-            ("q", nq, state.q.len()),
-            ("p", nv, state.p.len()),
-            ("forces", nv, state.forces.len()),
-            ("guess", nv, state.guess.len()),
-        ] {
-            if expected != found {
-                return Err(DynamicsError::Shape { argument, expected, found });
-            }
-        }
+        state.check(&self.model)?;
         self.state = state;
         self.factored = false;
         Ok(())
@@ -269,6 +286,46 @@ impl Midpoint {
         self.state.guess.copy_from_slice(&self.velocity);
         Ok(())
     }
+    /// Sets the momenta together with M⁻¹ p, where it is known: no solution is needed. The next drift starts to iterate from it.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Shape`].
+    pub fn set_momenta_and_velocity(&mut self, p: &[f64], v: &[f64]) -> Result<(), DynamicsError> {
+        let expected = self.state.p.len();
+        for (argument, found) in [("p", p.len()), ("v", v.len())] {
+            if found != expected {
+                return Err(DynamicsError::Shape { argument, expected, found });
+            }
+        }
+        self.state.p.copy_from_slice(p);
+        self.state.guess.copy_from_slice(v);
+        Ok(())
+    }
+    /// Counts the time, steps and iterations of a rejected trajectory, whose state is not kept.
+    pub fn count(&mut self, t: f64, steps: u64, iterations: u64) {
+        (self.state.t, self.state.steps, self.state.iterations) = (t, steps, iterations);
+    }
+    /// Evaluates forces and potential energy anew at the present configuration: the system has changed.
+    ///
+    /// # Errors
+    /// [`MidpointError`]; the state is that before.
+    pub fn refresh<C: Conservative>(&mut self, system: &mut C) -> Result<(), MidpointError<C::Error>> {
+        let (t, s) = (self.state.t, &mut self.state);
+        let potential = evaluate(system, &self.layout, t, &s.q, &mut self.next_forces)?;
+        std::mem::swap(&mut s.forces, &mut self.next_forces);
+        s.potential = potential;
+        Ok(())
+    }
+    /// Goes back to a state of this method: [`Midpoint::restore`] without an allocation.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Shape`] if a length is not the model's.
+    pub fn reset(&mut self, state: &MidpointState) -> Result<(), DynamicsError> {
+        state.check(&self.model)?;
+        self.state.copy(state);
+        self.factored = false;
+        Ok(())
+    }
     /// The factors of M(q) at the present configuration: solutions, ln det M, deviates.
     ///
     /// # Errors
@@ -279,6 +336,14 @@ impl Midpoint {
             self.factored = true;
         }
         Ok(&self.sweep)
+    }
+    /// The compiled model with [`Midpoint::factors`], for products with M(q) and its roots.
+    ///
+    /// # Errors
+    /// [`DynamicsError::SingularHinge`].
+    pub fn layout_and_factors(&mut self) -> Result<(&Layout<f64>, &ArticulatedSweep<f64>), DynamicsError> {
+        self.factors()?;
+        Ok((&self.layout, &self.sweep))
     }
     /// v = M(q)⁻¹ p.
     ///

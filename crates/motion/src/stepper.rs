@@ -205,6 +205,20 @@ impl Stepper {
             }
         }
     }
+    /// The midpoint method with its step size, for what acts between steps or makes them; `None` for an explicit method.
+    ///
+    /// # Errors
+    /// Those of `act`, and [`StepError`] if the velocity has no value afterwards.
+    pub fn with_midpoint<R>(
+        &mut self,
+        act: impl FnOnce(&mut Midpoint, f64) -> Result<R, MidpointError<MotionError>>,
+    ) -> Result<Option<R>, StepError> {
+        let Kind::Midpoint(m) = &mut self.0 else { return Ok(None) };
+        let t = m.t();
+        let done = act(&mut m.method, m.step).map_err(StepError::Midpoint)?;
+        m.settle().map_err(|cause| StepError::Midpoint(MidpointError::Dynamics { t, cause }))?;
+        Ok(Some(done))
+    }
     /// State at a time inside the last step: q, v, aux. The midpoint method gives the end of the step.
     ///
     /// # Errors

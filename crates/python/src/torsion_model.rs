@@ -9,8 +9,8 @@ use crate::simulator::check_single;
 use numpy::PyArrayDyn;
 use phipsi::molecule::torsion_model::TorsionModel as Torsion;
 use phipsi::molecule::{
-    Clusters, Deviates, ForceField, MinimizeOptions, MolecularError, MolecularForces, draw_momenta, minimize,
-    satisfied_constraints, strain,
+    Bath, Clusters, Deviates, Ensemble, ForceField, MinimizeOptions, MolecularError, MolecularForces,
+    draw_momenta, minimize, satisfied_constraints, strain,
 };
 use phipsi::motion::{Midpoint, MidpointError};
 use phipsi::recursion::articulated_sweep::SolveWorkspace;
@@ -33,6 +33,16 @@ pub struct Moving {
     pub method: Midpoint,
     /// Momenta were drawn or set; otherwise a run draws them.
     pub has_velocities: bool,
+    /// The heat bath of the last run, which one with the same arguments goes on with.
+    pub bath: Option<OwnBath>,
+}
+
+/// A bath and the ensemble, temperature (K) and seed that it was made for.
+pub struct OwnBath {
+    /// What was asked for.
+    pub asked: (Ensemble, f64, u64),
+    /// The bath.
+    pub bath: Bath,
 }
 
 /// A molecule as rigid clusters that turn about bonds, and its present state.
@@ -140,7 +150,7 @@ impl TorsionModel {
             let mut moving = self.lock();
             let Moving { forces, method, .. } = &mut *moving;
             let next = Midpoint::new(self.torsion.model(), forces, method.state().t, q, v)?;
-            (moving.method, moving.has_velocities) = (next, has_velocities);
+            (moving.method, moving.has_velocities, moving.bath) = (next, has_velocities, None);
             Ok(())
         });
         placed.map_err(|e| self.step_error(py, &e))
@@ -217,7 +227,7 @@ impl TorsionModel {
             other => exception(py, "NumericalError", &other.to_string(), vec![]),
         };
         let method = method.map_err(describe)?;
-        let moving = Mutex::new(Moving { forces, method, has_velocities: false });
+        let moving = Mutex::new(Moving { forces, method, has_velocities: false, bath: None });
         let (system, waiting, busy) = (s.clone().unbind(), AtomicUsize::new(0), AtomicBool::new(false));
         Ok(TorsionModel { loaded, torsion, system, model, moving, waiting, busy })
     }

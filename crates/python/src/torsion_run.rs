@@ -2,10 +2,13 @@
 
 use crate::batch::array;
 use crate::errors::{Field, argument_error, choice_error, dynamics_error};
-use crate::torsion_model::{Moving, TorsionModel, check_temperature};
+use crate::torsion_model::{Moving, OwnBath, TorsionModel, check_temperature};
 use numpy::PyArrayDyn;
 use phipsi::formats::dcd::{DcdError, DcdTiming, DcdWriter};
-use phipsi::molecule::{MolecularError, temperature};
+use phipsi::molecule::{
+    BOLTZMANN, Bath, Distribution, Ensemble, FixmanPotential, MolecularError, MoleculeError, Trials,
+    WithFixman, ensemble, temperature,
+};
 use phipsi::motion::MidpointError;
 use phipsi::simulate::Row;
 use phipsi::simulate::drift::drift;
@@ -26,18 +29,29 @@ const PATIENCE: Duration = Duration::from_millis(50);
 
 /// Dynamics at n recorded instants.
 ///
-/// ``time_ps``: (n,). ``positions``: (n, n_atoms, 3), nm. ``potential_energy``, ``kinetic_energy``, ``conserved``: (n,), kJ/mol;
-/// in the ensemble "nve" the conserved quantity is the energy. ``temperature_K``: (n,), of the kinetic energy in all degrees of
-/// freedom. ``drift``: slope of the conserved quantity, kJ/mol/ps, of the whole system; None for fewer than three instants.
-/// ``acceptance``: of Monte Carlo steps, None without. ``steps``: steps made.
+/// ``ensemble``; ``distribution``: "rigid", or "stiff limit" with Fixman's potential. ``degrees_of_freedom``: those that carry
+/// ``temperature_K``. ``time_ps``: (n,). ``positions``: (n, n_atoms, 3), nm. ``potential_energy`` of the force field,
+/// ``fixman_energy``, ``kinetic_energy``, ``conserved``: (n,), kJ/mol; the conserved quantity is the sum of the three, less the
+/// heat that a bath has given: the extended energy of Nosé–Hoover chains. ``temperature_K``: (n,), of the kinetic energy.
+/// ``drift``: slope of the conserved quantity, kJ/mol/ps, of the whole system; None for fewer than three instants.
+/// ``acceptance``: fraction of accepted Monte Carlo trajectories, None without. ``refused``: trajectories that could not be
+/// completed, or Langevin drifts that did not converge. ``steps``: steps made.
 #[pyclass(frozen, get_all, module = "phipsi.molecule")]
 pub struct Run {
+    /// The ensemble.
+    pub ensemble: &'static str,
+    /// The distribution of configurations that is sampled.
+    pub distribution: &'static str,
+    /// Degrees of freedom that carry the temperature.
+    pub degrees_of_freedom: usize,
     /// Times of the recorded instants, ps; (n,).
     pub time_ps: Py<PyArrayDyn<f64>>,
     /// Positions of the atoms, nm; (n, n_atoms, 3).
     pub positions: Py<PyArrayDyn<f64>>,
     /// Potential energy, kJ/mol; (n,).
     pub potential_energy: Py<PyArrayDyn<f64>>,
+    /// Fixman's potential, kJ/mol; (n,), zeros without.
+    pub fixman_energy: Py<PyArrayDyn<f64>>,
     /// Kinetic energy, kJ/mol; (n,).
     pub kinetic_energy: Py<PyArrayDyn<f64>>,
     /// The conserved quantity, kJ/mol; (n,).
@@ -47,8 +61,10 @@ pub struct Run {
     pub temperature: Py<PyArrayDyn<f64>>,
     /// Slope of the conserved quantity, kJ/mol/ps.
     pub drift: Option<f64>,
-    /// Fraction of accepted Monte Carlo steps.
+    /// Fraction of accepted Monte Carlo trajectories.
     pub acceptance: Option<f64>,
+    /// Refused trajectories or drifts.
+    pub refused: u64,
     /// Steps made.
     pub steps: u64,
 }
@@ -57,7 +73,11 @@ pub struct Run {
 impl Run {
     fn __repr__(&self) -> String {
         let drift = self.drift.map_or("None".into(), |d| format!("{d:.1e}"));
-        format!("<phipsi.molecule.Run: {} steps, drift {drift} kJ/mol/ps>", self.steps)
+        let Run { ensemble, distribution, degrees_of_freedom, steps, .. } = self;
+        format!(
+            "<phipsi.molecule.Run: {ensemble}, {distribution} distribution, {degrees_of_freedom} degrees of freedom, {steps} \
+             steps, drift {drift} kJ/mol/ps>"
+        )
     }
 }
 
@@ -65,12 +85,25 @@ impl Run {
 enum Stop {
     Step(MidpointError<MolecularError>),
     Dynamics(phipsi::recursion::DynamicsError),
+    Bath(MoleculeError),
     File(DcdError),
+}
+
+/// What a run is to do.
+struct Order {
+    steps: u64,
+    every: u64,
+    h: f64,
+    ensemble: Ensemble,
+    kelvin: f64,
+    seed: u64,
 }
 
 /// What has been recorded.
 struct Records {
     rows: Vec<Row>,
+    fixman: Option<FixmanPotential>,
+    fixman_energies: Vec<f64>,
     positions: Vec<f64>,
     atoms: Vec<Vec3<f64>>,
     file: Option<DcdWriter>,
@@ -87,24 +120,50 @@ impl Records {
             file.write(&positions).map_err(Stop::File)?;
         }
         self.positions.extend(self.atoms.iter().flat_map(|x| x.0));
-        let energy = [kinetic, state.potential, 0.0];
+        let mut own = 0.0;
+        if let Some(fixman) = &mut self.fixman {
+            let mut forces = vec![0.0; state.p.len()];
+            own = fixman.evaluate(&state.q, &mut forces).map_err(Stop::Dynamics)?;
+        }
+        self.fixman_energies.push(own);
+        let energy = [kinetic, state.potential, moving.bath.as_ref().map_or(0.0, |b| b.bath.heat())];
         let (q, v, outputs, terms) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         self.rows.push(Row { t, q, v, energy, momentum: [0.0; 6], outputs, terms });
         Ok(())
     }
-    fn result(self, py: Python<'_>, model: &TorsionModel, steps: u64) -> PyResult<Run> {
-        let (n, atoms, freedom) = (self.rows.len(), self.atoms.len(), model.torsion.degrees_of_freedom());
+    fn result(
+        self,
+        py: Python<'_>,
+        model: &TorsionModel,
+        order: &Order,
+        steps: u64,
+        before: Trials,
+    ) -> PyResult<Run> {
+        let (freedom, trials) = py.detach(|| {
+            let moving = model.lock();
+            let bath = moving.bath.as_ref().map(|b| &b.bath);
+            let freedom = bath.map_or(model.torsion.degrees_of_freedom(), |b| b.degrees_of_freedom());
+            (freedom, bath.map_or(before, |b| *b.trials()))
+        });
+        let (n, atoms) = (self.rows.len(), self.atoms.len());
+        let made = trials.made - before.made;
+        let potential = self.rows.iter().zip(&self.fixman_energies).map(|(r, own)| r.energy[1] - own);
         let column = |of: &dyn Fn(&Row) -> f64| -> PyResult<Py<PyArrayDyn<f64>>> {
             Ok(array(py, self.rows.iter().map(of).collect(), vec![n])?.unbind())
         };
         Ok(Run {
+            ensemble: order.ensemble.word(),
+            distribution: Distribution::with_fixman(self.fixman.is_some()).word(),
+            degrees_of_freedom: freedom,
             time_ps: column(&|r| r.t)?,
-            potential_energy: column(&|r| r.energy[1])?,
+            potential_energy: array(py, potential.collect(), vec![n])?.unbind(),
+            fixman_energy: array(py, self.fixman_energies.clone(), vec![n])?.unbind(),
             kinetic_energy: column(&|r| r.energy[0])?,
-            conserved: column(&|r| r.energy[0] + r.energy[1])?,
+            conserved: column(&|r| r.energy[0] + r.energy[1] - r.energy[2])?,
             temperature: column(&|r| temperature(r.energy[0], freedom))?,
             drift: drift(&self.rows).map(|d| d.slope),
-            acceptance: None,
+            acceptance: (made > 0).then(|| (trials.accepted - before.accepted) as f64 / made as f64),
+            refused: trials.refused - before.refused,
             steps,
             positions: array(py, self.positions, vec![n, atoms, 3])?.unbind(),
         })
@@ -113,24 +172,37 @@ impl Records {
 
 #[pymethods]
 impl TorsionModel {
-    /// Dynamics in torsions from the present state: the symplectic, time-reversible midpoint method with a fixed step.
+    /// Dynamics in torsions from the present state: the symplectic, time-reversible midpoint method with a fixed step, at constant
+    /// energy or in a heat bath.
     ///
     /// Velocities are drawn at ``temperature_K`` where the model has none: when it is new, minimised or placed anew. A run in
-    /// two calls is the same as in one. A start with an atom that is pushed hard, see ``strain``, gives a RuntimeWarning.
+    /// two calls with the same arguments is the same as in one. A start with an atom that is pushed hard, see ``strain``, gives
+    /// a RuntimeWarning.
+    ///
+    /// What is sampled: without ``fixman`` the rigid model's distribution sqrt(det M) exp(-U/kT), with it exp(-U/kT), that of
+    /// the molecule with stiff bonds and angles. "hmc" is exact at any step, "langevin" and "nose_hoover" up to the second order
+    /// of the step. "nose_hoover" removes the momentum of the whole system and has three degrees of freedom less.
     ///
     /// Parameters
     /// ----------
     /// steps : how many.
     /// dt_fs : step, fs; 4 is cautious for all torsions, heavier rotors bear more.
-    /// ensemble : "nve", constant energy.
-    /// temperature_K, seed : of the velocities that are drawn.
-    /// every : steps from one recorded instant to the next; None: such that about a thousand are recorded.
+    /// ensemble : "nve", constant energy; "langevin", friction and noise in the metric of the mass matrix (OBABO);
+    ///     "nose_hoover", chains of three thermostats; "hmc", hybrid Monte Carlo.
+    /// temperature_K : of the bath, and of the velocities that are drawn.
+    /// friction_per_ps : of "langevin".
+    /// seed : of all random numbers.
+    /// fixman : adds Fixman's potential 1/2 kT ln det M at ``temperature_K`` to forces and energy.
     /// trajectory : a DCD file for the positions at the recorded instants; one of this name is replaced.
+    /// every : steps from one recorded instant to the next; None: such that about a thousand are recorded. Of "hmc" whole
+    ///     trajectories: rounded up.
+    /// relaxation_ps : of "nose_hoover".
+    /// trajectory_steps : steps of a trajectory of "hmc"; None: 50 fs.
     ///
     /// Returns
     /// -------
-    /// Run with time_ps, positions, potential_energy, kinetic_energy, conserved, temperature_K, drift; the start is the first
-    /// instant.
+    /// Run with ensemble, distribution, degrees_of_freedom, time_ps, positions, potential_energy, fixman_energy, kinetic_energy,
+    /// conserved, temperature_K, drift, acceptance, refused; the start is the first instant.
     ///
     /// Raises
     /// ------
@@ -144,7 +216,11 @@ impl TorsionModel {
     /// >>> r = t.run(100, dt_fs=2, temperature_K=300, seed=1, every=10, trajectory="run.dcd")
     /// >>> r.positions.shape, bool(np.ptp(r.conserved) < 0.5)
     /// ((11, 22, 3), True)
-    #[pyo3(signature = (steps, dt_fs, ensemble = "nve", temperature_K = 300.0, seed = 0, every = None, trajectory = None))]
+    /// >>> r = t.run(100, dt_fs=10, ensemble="hmc", temperature_K=300, seed=1, fixman=True)
+    /// >>> r.distribution, r.degrees_of_freedom, r.acceptance > 0.8
+    /// ('stiff limit', 13, True)
+    #[pyo3(signature = (steps, dt_fs, ensemble = "nve", temperature_K = 300.0, friction_per_ps = ensemble::FRICTION, seed = 0,
+        fixman = false, trajectory = None, *, every = None, relaxation_ps = ensemble::RELAXATION, trajectory_steps = None))]
     #[allow(non_snake_case, clippy::too_many_arguments)]
     fn run(
         &self,
@@ -153,24 +229,41 @@ impl TorsionModel {
         dt_fs: f64,
         ensemble: &str,
         temperature_K: f64,
+        friction_per_ps: f64,
         seed: u64,
-        every: Option<u64>,
+        fixman: bool,
         trajectory: Option<PathBuf>,
+        every: Option<u64>,
+        relaxation_ps: f64,
+        trajectory_steps: Option<u64>,
     ) -> PyResult<Run> {
-        if ensemble != "nve" {
-            return Err(choice_error(py, "ensemble", ensemble, &["nve"]));
+        positive(py, "dt_fs", dt_fs)?;
+        let h = dt_fs * 1e-3;
+        let ensemble = match ensemble {
+            "nve" => Ensemble::ConstantEnergy,
+            "langevin" => {
+                not_negative(py, "friction_per_ps", friction_per_ps)?;
+                Ensemble::Langevin { friction: friction_per_ps }
+            }
+            "nose_hoover" => {
+                positive(py, "relaxation_ps", relaxation_ps)?;
+                Ensemble::NoseHoover { relaxation: relaxation_ps }
+            }
+            "hmc" => {
+                let steps = trajectory_steps.unwrap_or((ensemble::TRAJECTORY / h).round().max(1.0) as u64);
+                at_least_one(py, "trajectory_steps", steps)?;
+                Ensemble::HybridMonteCarlo { steps }
+            }
+            _ => return Err(choice_error(py, "ensemble", ensemble, &Ensemble::WORDS)),
+        };
+        if ensemble == Ensemble::ConstantEnergy && !fixman {
+            check_temperature(py, temperature_K)?;
+        } else {
+            positive(py, "temperature_K", temperature_K)?;
         }
-        if !(dt_fs > 0.0 && dt_fs.is_finite()) {
-            let message = format!("`dt_fs` is {dt_fs}, but a positive finite number is required");
-            let required = "a positive finite number".into();
-            return Err(argument_error(py, "dt_fs", Field::Number(dt_fs), required, &message, None));
-        }
-        check_temperature(py, temperature_K)?;
         let every = every.unwrap_or(steps.div_ceil(RECORDS).max(1));
-        if every == 0 {
-            let message = "`every` is 0, but at least 1 is required";
-            return Err(argument_error(py, "every", Field::Index(0), "at least 1".into(), message, None));
-        }
+        at_least_one(py, "every", every)?;
+        let every = every.div_ceil(ensemble.stride()).saturating_mul(ensemble.stride());
         let atoms = self.torsion.atoms().len();
         let numbers = (steps / every + 1) as f64 * (3 * atoms + 12) as f64;
         if numbers > LARGEST {
@@ -181,31 +274,79 @@ impl TorsionModel {
         }
         let _busy = self.claim(py)?;
         self.warn(py)?;
-        let h = dt_fs * 1e-3;
         let file = trajectory.map(|path| create(&path, atoms, every, h)).transpose()?;
         let capacity = (steps / every + 1) as usize;
+        let potential = || FixmanPotential::new(self.torsion.layout(), BOLTZMANN * temperature_K);
         let mut records = Records {
             rows: Vec::with_capacity(capacity),
+            fixman: fixman.then(potential),
+            fixman_energies: Vec::with_capacity(capacity),
             positions: Vec::with_capacity(3 * atoms * capacity),
             atoms: vec![Vec3::zero(); atoms],
             file,
         };
-        let mut done = 0;
-        let stopped = self.advance(py, steps, every, h, (temperature_K, seed), &mut records, &mut done)?;
-        let Some(stop) = stopped else { return records.result(py, self, done) };
+        let order = Order { steps, every, h, ensemble, kelvin: temperature_K, seed };
+        let (mut done, mut before) = (0, Trials::default());
+        let stopped = self.advance(py, &order, &mut records, &mut done, &mut before);
+        if fixman {
+            // What the model keeps is without Fixman's potential; at a state that had forces there are some.
+            py.detach(|| {
+                let mut moving = self.lock();
+                let Moving { forces, method, .. } = &mut *moving;
+                method.refresh(forces)
+            })
+            .map_err(|e| self.step_error(py, &e))?;
+        }
+        let Some(stop) = stopped? else { return records.result(py, self, &order, done, before) };
         let error = match &stop {
             Stop::Step(e) => self.step_error(py, e),
             Stop::Dynamics(e) => dynamics_error(py, e, None),
+            Stop::Bath(e) => {
+                let required = e.required.clone();
+                argument_error(
+                    py,
+                    "ensemble",
+                    Field::Text(e.found.clone()),
+                    required.into(),
+                    &e.to_string(),
+                    None,
+                )
+            }
             Stop::File(e) => return Err(PyOSError::new_err(e.to_string())),
         };
         if error.get_type(py).name()? == "NumericalError" {
-            let so_far = records.result(py, self, done)?;
+            let so_far = records.result(py, self, &order, done, before)?;
             let time = py.detach(|| self.lock().method.state().t);
             error.value(py).setattr("time", time)?;
             error.value(py).setattr("trajectory", so_far)?;
         }
         Err(error)
     }
+}
+
+fn positive(py: Python<'_>, argument: &str, x: f64) -> PyResult<()> {
+    if x > 0.0 && x.is_finite() {
+        return Ok(());
+    }
+    let message = format!("`{argument}` is {x}, but a positive finite number is required");
+    Err(argument_error(py, argument, Field::Number(x), "a positive finite number".into(), &message, None))
+}
+
+fn not_negative(py: Python<'_>, argument: &str, x: f64) -> PyResult<()> {
+    if x >= 0.0 && x.is_finite() {
+        return Ok(());
+    }
+    let message = format!("`{argument}` is {x}, but a finite number of at least 0 is required");
+    let required = "a finite number, at least 0".into();
+    Err(argument_error(py, argument, Field::Number(x), required, &message, None))
+}
+
+fn at_least_one(py: Python<'_>, argument: &str, n: u64) -> PyResult<()> {
+    if n > 0 {
+        return Ok(());
+    }
+    let message = format!("`{argument}` is 0, but at least 1 is required");
+    Err(argument_error(py, argument, Field::Index(0), "at least 1".into(), &message, None))
 }
 
 impl TorsionModel {
@@ -219,22 +360,20 @@ impl TorsionModel {
         PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &message, 1)
     }
     /// All steps, from drawing velocities on; why the run stopped before its end, and by an exception what signals raised.
-    #[allow(clippy::too_many_arguments)]
+    /// `before`: trajectories before the run.
     fn advance(
         &self,
         py: Python<'_>,
-        steps: u64,
-        every: u64,
-        h: f64,
-        (kelvin, seed): (f64, u64),
+        order: &Order,
         records: &mut Records,
         done: &mut u64,
+        before: &mut Trials,
     ) -> PyResult<Option<Stop>> {
+        let Order { steps, every, h, .. } = *order;
         let begun = py.detach(|| {
             let mut moving = self.lock();
-            if !moving.has_velocities {
-                moving.draw(&self.torsion, kelvin, seed).map_err(Stop::Dynamics)?;
-            }
+            moving.begin(&self.torsion, order, records.fixman.as_mut())?;
+            *before = moving.bath.as_ref().map_or(*before, |b| *b.bath.trials());
             let start = moving.method.state().t;
             records.take(self, &mut moving, start).map(|()| start)
         });
@@ -247,9 +386,13 @@ impl TorsionModel {
             let advanced = py.detach(|| {
                 let (mut moving, looked) = (self.lock_last(), Instant::now());
                 while *done < steps && looked.elapsed() < PATIENCE {
-                    let Moving { forces, method, .. } = &mut *moving;
-                    method.step(forces, h).map_err(Stop::Step)?;
-                    *done += 1;
+                    let Moving { forces, method, bath, .. } = &mut *moving;
+                    let mut system = WithFixman { inner: forces, fixman: records.fixman.as_mut() };
+                    *done += match bath {
+                        Some(b) => b.bath.advance(method, &mut system, h, steps - *done),
+                        None => method.step(&mut system, h).map(|_| 1),
+                    }
+                    .map_err(Stop::Step)?;
                     if done.is_multiple_of(every) {
                         records.take(self, &mut moving, start + *done as f64 * h)?;
                     }
@@ -261,6 +404,33 @@ impl TorsionModel {
             }
         }
         Ok(None)
+    }
+}
+
+impl Moving {
+    /// Velocities where there are none, the bath, and Fixman's forces.
+    fn begin(
+        &mut self,
+        torsion: &phipsi::molecule::TorsionModel,
+        order: &Order,
+        fixman: Option<&mut FixmanPotential>,
+    ) -> Result<(), Stop> {
+        let Order { ensemble, kelvin, seed, .. } = *order;
+        if !self.has_velocities {
+            self.draw(torsion, kelvin, seed).map_err(Stop::Dynamics)?;
+        }
+        let asked = (ensemble, kelvin, seed);
+        if ensemble == Ensemble::ConstantEnergy {
+            self.bath = None;
+        } else if self.bath.as_ref().is_none_or(|b| b.asked != asked) {
+            let bath = Bath::new(&mut self.method, ensemble, BOLTZMANN * kelvin, seed).map_err(Stop::Bath)?;
+            self.bath = Some(OwnBath { asked, bath });
+        }
+        if fixman.is_some() {
+            let mut system = WithFixman { inner: &mut self.forces, fixman };
+            self.method.refresh(&mut system).map_err(Stop::Step)?;
+        }
+        Ok(())
     }
 }
 

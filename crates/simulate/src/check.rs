@@ -203,6 +203,10 @@ impl fmt::Display for Checked {
             if let Some(form) = plan.describe_form() {
                 writeln!(f, "forward dynamics: {form}")?;
             }
+            if let Some([ensemble, distribution]) = plan.describe_ensemble() {
+                writeln!(f, "ensemble: {ensemble}")?;
+                writeln!(f, "distribution: {distribution}")?;
+            }
             writeln!(f, "left out:")?;
             for line in &plan.left_out {
                 writeln!(f, "  {line}")?;

@@ -2,7 +2,8 @@
 
 use crate::page::{Drawing, DrawnBody};
 use crate::record::Row;
-use phipsi_molecule::TorsionModel;
+use phipsi_molecule::{BOLTZMANN, Bath, Distribution, Ensemble, MoleculeError, TorsionModel};
+use phipsi_motion::Midpoint;
 use phipsi_recursion::{DynamicsError, Kinematics};
 use phipsi_spatial::{Quaternion, Vec3};
 use std::sync::Arc;
@@ -14,14 +15,47 @@ pub struct Molecule {
     pub torsion: Arc<TorsionModel>,
     /// Backbone angles: name and the four atoms.
     pub backbone: Vec<(String, [usize; 4])>,
-    /// Seed of the velocities.
+    /// Seed of the velocities and of the bath.
     pub seed: u64,
+    /// Temperature of the velocities at the start, of the bath and of Fixman's potential, K.
+    pub temperature: Option<f64>,
+    /// The ensemble that is sampled.
+    pub ensemble: Ensemble,
+    /// The distribution that is sampled: whether Fixman's potential acts.
+    pub distribution: Distribution,
 }
 
 impl Molecule {
     /// With the backbone angles φ and ψ that the atoms' names tell.
     pub fn new(torsion: Arc<TorsionModel>, seed: u64) -> Self {
-        Molecule { backbone: backbone_angles(&torsion), torsion, seed }
+        Molecule {
+            backbone: backbone_angles(&torsion),
+            torsion,
+            seed,
+            temperature: None,
+            ensemble: Ensemble::ConstantEnergy,
+            distribution: Distribution::Rigid,
+        }
+    }
+    /// True if a heat bath acts.
+    pub fn has_bath(&self) -> bool {
+        self.ensemble != Ensemble::ConstantEnergy
+    }
+    /// The bath of a method at its start; `None` at constant energy.
+    ///
+    /// # Errors
+    /// [`MoleculeError`] that names the parameter which is wrong.
+    pub fn bath(&self, method: &mut Midpoint) -> Result<Option<Bath>, MoleculeError> {
+        if !self.has_bath() {
+            return Ok(None);
+        }
+        let kt = BOLTZMANN * self.temperature.unwrap_or(0.0);
+        Bath::new(method, self.ensemble, kt, self.seed).map(Some)
+    }
+    /// Degrees of freedom that carry the temperature: three less where the common momentum is zero.
+    pub fn degrees_of_freedom(&self) -> usize {
+        let removed = if let Ensemble::NoseHoover { .. } = self.ensemble { 3 } else { 0 };
+        self.torsion.degrees_of_freedom().saturating_sub(removed)
     }
     /// Positions of all atoms at a recorded instant, nm.
     ///

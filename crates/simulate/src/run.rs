@@ -5,9 +5,10 @@ use crate::output::{Measured, reference_error};
 use crate::record::{LimitPassed, Observer, Row, StepRecord};
 use crate::simulation::Simulation;
 use phipsi_model::Model;
+use phipsi_molecule::{Bath, BathState, Trials};
 use phipsi_motion::{
     Balance, Conserved, Dynamics, ErrorEstimate, JudgedRun, Linearization, Method, MotionError, Scheme,
-    StepError, Stepper, StepperState, System, balance, estimate_error,
+    StepError, StepInfo, Stepper, StepperState, System, balance, estimate_error,
 };
 use phipsi_recursion::{DynamicsError, Kinematics};
 use serde::{Deserialize, Serialize};
@@ -21,6 +22,9 @@ const JUDGED_SAMPLES: usize = 256;
 pub struct RunState {
     /// State of the integration scheme.
     pub stepper: StepperState,
+    /// State of the heat bath, where there is one.
+    #[serde(default)]
+    pub bath: Option<BathState>,
     /// Balances so far.
     pub conserved: Conserved,
     /// Rows recorded so far.
@@ -42,6 +46,7 @@ pub struct Progress<'a> {
     /// Limits passed so far.
     pub limits: &'a [LimitPassed],
     stepper: &'a Stepper,
+    bath: Option<&'a Bath>,
     conserved: &'a Conserved,
     rows: u64,
     steps: u64,
@@ -53,6 +58,7 @@ impl Progress<'_> {
     pub fn state(&self) -> RunState {
         RunState {
             stepper: self.stepper.checkpoint(),
+            bath: self.bath.map(Bath::state),
             conserved: self.conserved.clone(),
             rows: self.rows,
             steps: self.steps,
@@ -85,7 +91,9 @@ pub struct Summary {
     pub error_estimate: Option<ErrorEstimate>,
     /// Relative imbalance of energy.
     pub energy_error: f64,
-    /// Relative imbalances of angular and linear momentum; `None` where the base is not free.
+    /// Trajectories of Monte Carlo and refused drifts, where there is a bath.
+    pub trials: Option<Trials>,
+    /// Relative imbalances of angular and linear momentum; `None` where the base is not free, and where a bath changes them.
     pub momentum_error: Option<[f64; 2]>,
     /// Largest relative error of outputs with known values.
     pub reference_error: Option<f64>,
@@ -118,6 +126,7 @@ pub fn resume(
 struct Runner<'a> {
     simulation: &'a mut Simulation,
     stepper: Stepper,
+    bath: Option<Bath>,
     kinematics: Kinematics<f64>,
     conserved: Conserved,
     rows: u64,
@@ -148,6 +157,12 @@ impl<'a> Runner<'a> {
         let start = start.clone();
         let mut stepper = Stepper::new(&mut simulation.dynamics, method, tolerances, &start, &aux)
             .map_err(|e| SimulateError::stopped(&e, simulation.dynamics.model()))?;
+        let mut bath = None;
+        if let Some(molecule) = &simulation.molecule {
+            let made = stepper.with_midpoint(|m, _| Ok(molecule.bath(m)));
+            let made = made.map_err(|e| SimulateError::stopped(&e, simulation.dynamics.model()))?;
+            bath = made.transpose().map_err(|e| SimulateError::Start(e.to_string()))?.flatten();
+        }
         if let Some(s) = &state
             && !stepper.restore(s.stepper.clone())
         {
@@ -169,9 +184,15 @@ impl<'a> Runner<'a> {
             spent_s: 0.0,
             clock: Instant::now(),
             stepper,
+            bath,
             simulation,
         };
         if let Some(s) = state {
+            match (&mut runner.bath, &s.bath) {
+                (Some(bath), Some(state)) => bath.restore(state),
+                (None, None) => {}
+                _ => return Err(SimulateError::Start("the checkpoint is of another scene".into())),
+            }
             runner.conserved = s.conserved;
             (runner.rows, runner.steps) = (s.rows, s.steps);
             runner.limits = s.limits;
@@ -203,7 +224,7 @@ impl<'a> Runner<'a> {
             let limit = breaks.get(next).copied().unwrap_or(t_end);
             if let Err(e) = self.step(limit, limit < t_end, observer) {
                 // A step that failed has left the last good state. The first error is the one to tell.
-                if self.steps == self.stepper.counts()[0] {
+                if self.stepper.t() == t {
                     let _ = observer.stopped(&self.progress());
                 }
                 return Err(e);
@@ -227,14 +248,14 @@ impl<'a> Runner<'a> {
 
     /// One accepted step with everything that is looked at after it.
     fn step(&mut self, limit: f64, is_break: bool, observer: &mut dyn Observer) -> Result<(), SimulateError> {
-        let dynamics = &mut self.simulation.dynamics;
-        let info = self
-            .stepper
-            .step(dynamics, limit, is_break)
-            .map_err(|e| SimulateError::stopped(&e, dynamics.model()))?;
+        let info = self.advance(limit, is_break)?;
         self.record_due(observer)?;
         let balance = self.balance()?;
-        let imbalance = self.conserved.record(&balance);
+        let mut imbalance = self.conserved.record(&balance);
+        if self.bath.is_some() {
+            // It changes momenta: they are not balanced.
+            imbalance[1..].fill(0.0);
+        }
         self.watch_limits(info.t0);
         self.steps += 1;
         if is_break && info.t1 == limit {
@@ -243,12 +264,30 @@ impl<'a> Runner<'a> {
         observer.step(&StepRecord { t: info.t1, imbalance }, &self.progress())
     }
 
+    /// One step of the scheme; with a bath one of its steps or trajectories.
+    fn advance(&mut self, limit: f64, is_break: bool) -> Result<StepInfo, SimulateError> {
+        let Simulation { dynamics, t_end, .. } = &mut *self.simulation;
+        let stepped = match &mut self.bath {
+            None => self.stepper.step(dynamics, limit, is_break),
+            Some(bath) => {
+                let t0 = self.stepper.t();
+                let act = |m: &mut phipsi_motion::Midpoint, h: f64| {
+                    let most = ((*t_end - t0) / h).round().max(1.0) as u64;
+                    bath.advance(m, dynamics, h, most)
+                };
+                self.stepper.with_midpoint(act).map(|_| StepInfo { t0, t1: self.stepper.t() })
+            }
+        };
+        stepped.map_err(|e| SimulateError::stopped(&e, self.simulation.dynamics.model()))
+    }
+
     fn progress(&self) -> Progress<'_> {
         Progress {
             t: self.stepper.t(),
             t_end: self.simulation.t_end,
             limits: &self.limits,
             stepper: &self.stepper,
+            bath: self.bath.as_ref(),
             conserved: &self.conserved,
             rows: self.rows,
             steps: self.steps,
@@ -258,7 +297,14 @@ impl<'a> Runner<'a> {
 
     fn balance(&mut self) -> Result<Balance, DynamicsError> {
         let at = (self.stepper.t(), self.stepper.q(), self.stepper.v());
-        balance(&mut self.simulation.dynamics, &mut self.kinematics, at, self.stepper.aux())
+        let mut found = balance(&mut self.simulation.dynamics, &mut self.kinematics, at, self.stepper.aux())?;
+        found.work += self.heat();
+        Ok(found)
+    }
+
+    /// Energy that the bath has given.
+    fn heat(&self) -> f64 {
+        self.bath.as_ref().map_or(0.0, Bath::heat)
     }
 
     /// Records the samples that are due up to the present time.
@@ -268,6 +314,7 @@ impl<'a> Runner<'a> {
         let slack = self.simulation.choice.method.fixed_step().map_or(0.0, |step| 1e-6 * step);
         while self.rows < samples && self.simulation.sample_time(self.rows) <= self.stepper.t() + slack {
             let t = self.simulation.sample_time(self.rows);
+            let heat = self.heat();
             let dynamics = &mut self.simulation.dynamics;
             let model = dynamics.model();
             let (mut q, mut v) = (vec![0.0; model.nq()], vec![0.0; model.nv()]);
@@ -275,7 +322,8 @@ impl<'a> Runner<'a> {
             self.stepper
                 .sample(dynamics, t, &mut q, &mut v, &mut aux)
                 .map_err(|e| SimulateError::stopped(&e, dynamics.model()))?;
-            let row = measure(dynamics, &mut self.kinematics, &self.simulation.outputs, t, q, v, &aux)?;
+            let row =
+                measure(dynamics, &mut self.kinematics, &self.simulation.outputs, (t, q, v), &aux, heat)?;
             observer.row(&row)?;
             self.rows += 1;
         }
@@ -340,15 +388,14 @@ impl<'a> Runner<'a> {
     ) -> Result<Summary, SimulateError> {
         let [steps, rejected, evaluations] = self.stepper.counts();
         let (t, q, v) = (self.stepper.t(), self.stepper.q().to_vec(), self.stepper.v().to_vec());
-        let aux = self.stepper.aux().to_vec();
+        let (aux, heat) = (self.stepper.aux().to_vec(), self.heat());
         let row = measure(
             &mut self.simulation.dynamics,
             &mut self.kinematics,
             &self.simulation.outputs,
-            t,
-            q.clone(),
-            v.clone(),
+            (t, q.clone(), v.clone()),
             &aux,
+            heat,
         )?;
         let names = self.simulation.outputs.iter().map(|o| o.name.clone());
         let outputs: Vec<(String, f64)> = names.zip(row.outputs).collect();
@@ -364,7 +411,9 @@ impl<'a> Runner<'a> {
             wall_s: self.wall_s(),
             error_estimate,
             energy_error: self.conserved.energy_error(),
-            momentum_error: self.simulation.dynamics.plan().momentum.then(|| self.conserved.momentum_error()),
+            momentum_error: (self.simulation.dynamics.plan().momentum && self.bath.is_none())
+                .then(|| self.conserved.momentum_error()),
+            trials: self.bath.as_ref().map(|b| *b.trials()),
             reference_error: if at_end { reference_error(&self.simulation.known, value) } else { None },
             outputs,
             limits: self.limits,
@@ -378,12 +427,12 @@ fn measure(
     dynamics: &mut Dynamics,
     kinematics: &mut Kinematics<f64>,
     outputs: &[crate::output::Output],
-    t: f64,
-    q: Vec<f64>,
-    v: Vec<f64>,
+    (t, q, v): (f64, Vec<f64>, Vec<f64>),
     aux: &[f64],
+    heat: f64,
 ) -> Result<Row, DynamicsError> {
-    let balance = balance(dynamics, kinematics, (t, &q, &v), aux)?;
+    let mut balance = balance(dynamics, kinematics, (t, &q, &v), aux)?;
+    balance.work += heat;
     let at = Measured {
         model: dynamics.model(),
         layout: dynamics.layout(),

@@ -6,7 +6,7 @@
 //! | table | keys |
 //! |---|---|
 //! | `[model]` | `urdf` (relative to the scene), `base` = "fixed" or "free", `gravity`, `mimic` = "closure" or "free", `friction_speed` |
-//! | `[molecule]` | instead of a model: `pdb`, `system` (OpenMM's XML), `rigid` = kinds of bonds, `hinges`, `groups`, `temperature_K`, `seed`, `minimize`, `ignore`; times in ps, `step_fs` |
+//! | `[molecule]` | instead of a model: `pdb`, `system` (OpenMM's XML), `rigid` = kinds of bonds, `hinges`, `groups`, `temperature_K`, `seed`, `fixman`, `minimize`, `ignore`; times in ps, `step_fs`; in `[integrator]` `ensemble` with `friction_per_ps`, `relaxation_ps` or `trajectory_steps` |
 //! | `[[body]]` | `name`, `inertial` = { `origin`, `mass`, `inertia` = { `ixx` … } }: the URDF's words; or `flexible` = a beam, see below |
 //! | `[[joint]]` | `name`, `type`, `parent`, `child`, `origin` = { `xyz`, `rpy` }, `axis`, `axis2`, `pitch`, `limit`, `dynamics`, `mimic`, `node` of a flexible parent |
 //! | `[initial]` | `q.JOINT`, `v.JOINT`: a number, or a list for joints with several coordinates; others are neutral |
@@ -173,8 +173,17 @@ fn read(
     let outputs = output::read(&mut scene, &model, report);
     let (known, known_source) = output::reference(&mut scene, &outputs, report);
     let molecule = molecule.map(|m| {
-        forces.push(m.force);
-        m.molecule
+        forces.extend(m.forces);
+        let mut molecule = m.molecule;
+        molecule.ensemble = settings.as_ref().map_or(molecule.ensemble, |s| s.ensemble);
+        if molecule.has_bath() && molecule.temperature.is_none_or(|t| t == 0.0) {
+            let found =
+                format!("ensemble = \"{}\" without a temperature above zero", molecule.ensemble.word());
+            let required = "the temperature of the bath";
+            let remedy = "set `temperature_K` in [molecule]";
+            report.errors.push(Problem::new(None, "integrator", found, required, remedy));
+        }
+        molecule
     });
     let present = [
         "model",

@@ -171,6 +171,14 @@ impl Simulation {
     pub fn energy_unit(&self) -> &'static str {
         if self.molecule.is_some() { "kJ/mol" } else { "J" }
     }
+    /// True if a heat bath acts.
+    pub fn has_bath(&self) -> bool {
+        self.molecule.as_ref().is_some_and(Molecule::has_bath)
+    }
+    /// Degrees of freedom that carry the temperature.
+    pub fn degrees_of_freedom(&self) -> usize {
+        self.molecule.as_ref().map_or(self.model().nv(), Molecule::degrees_of_freedom)
+    }
     /// Number of recorded samples, the start and the end included.
     pub fn samples(&self) -> u64 {
         let span = (self.t_end - self.start.t) / self.every;
@@ -206,6 +214,9 @@ impl Simulation {
             lines.push(
                 "estimate of the error at the end: the midpoint method reports conserved quantities".into(),
             );
+            if self.has_bath() {
+                lines.push("balance of momentum: the bath changes it".into());
+            }
         } else if !self.estimate {
             lines.push("estimate of the error at the end: estimate = false".into());
         }

@@ -158,3 +158,109 @@ fn strained_starts_are_announced_before_the_first_step() {
         "{warnings:?}"
     );
 }
+
+/// The scene with an ensemble.
+fn with_ensemble(ensemble: &str) -> String {
+    SCENE.replace("step_fs = 4", &format!("step_fs = 4\nensemble = {ensemble}"))
+}
+
+#[test]
+fn ensembles_conserve_their_quantities_and_say_what_they_sample() {
+    for (ensemble, freedom, noise) in [
+        ("\"langevin\"\nfriction_per_ps = 5", 13, 0.2),
+        ("\"nose_hoover\"\nrelaxation_ps = 0.05", 10, 0.2),
+        ("\"hmc\"\ntrajectory_steps = 5", 13, f64::INFINITY),
+    ] {
+        for fixman in [false, true] {
+            let mut text = with_ensemble(ensemble);
+            if fixman {
+                text = text.replace("seed = 1", "seed = 1\nfixman = true");
+            }
+            let loaded = scene(&text).unwrap();
+            let plan = phipsi_simulate::folder::results::Plan::new(&loaded.simulation);
+            let [ensemble, distribution] = plan.describe_ensemble().unwrap();
+            assert!(ensemble.contains(&format!("{freedom} degrees of freedom")), "{ensemble}");
+            assert!(distribution.starts_with(if fixman { "stiff limit" } else { "rigid" }), "{distribution}");
+            let (rows, summary) = rows(&text);
+            assert_eq!(rows.len(), 21);
+            assert_eq!(summary.steps, 100);
+            assert_eq!(summary.momentum_error, None);
+            assert_eq!(rows[0].terms.len(), if fixman { 5 } else { 4 });
+            let energy = |r: &Row| r.energy[0] + r.energy[1] - r.energy[2];
+            assert!(rows.iter().all(|r| (energy(r) - energy(&rows[0])).abs() < noise), "{ensemble}");
+            assert!(rows.iter().any(|r| (r.energy[2] - rows[0].energy[2]).abs() > 1.0), "{ensemble}");
+            let made = summary.trials.unwrap().made;
+            assert_eq!(made, if ensemble.contains("Monte Carlo") { 20 } else { 0 });
+        }
+    }
+}
+
+/// Keeps a copy of the run's state after so many steps, as a checkpoint would.
+struct Interrupted {
+    recording: Recording,
+    after: usize,
+    state: Option<Vec<u8>>,
+}
+
+impl phipsi_simulate::Observer for Interrupted {
+    fn row(&mut self, row: &Row) -> Result<(), SimulateError> {
+        self.recording.row(row)
+    }
+    fn step(
+        &mut self,
+        step: &phipsi_simulate::StepRecord,
+        progress: &phipsi_simulate::Progress<'_>,
+    ) -> Result<(), SimulateError> {
+        self.recording.step(step, progress)?;
+        if self.recording.steps.len() == self.after {
+            self.state = Some(serde_json::to_vec(&progress.state()).unwrap());
+        }
+        Ok(())
+    }
+    fn step_ends(&mut self) -> Result<Vec<f64>, SimulateError> {
+        self.recording.step_ends()
+    }
+    fn spread_rows(&mut self, most: usize) -> Result<Vec<phipsi_model::State>, SimulateError> {
+        self.recording.spread_rows(most)
+    }
+}
+
+#[test]
+fn runs_in_a_bath_continue_bit_for_bit_from_a_checkpoint() {
+    for (ensemble, after) in
+        [("\"langevin\"", 37), ("\"nose_hoover\"", 37), ("\"hmc\"\ntrajectory_steps = 5", 8)]
+    {
+        let text = with_ensemble(ensemble).replace("seed = 1", "seed = 1\nfixman = true");
+        let mut whole = Interrupted { recording: Recording::default(), after, state: None };
+        run(&mut scene(&text).unwrap().simulation, &mut whole).unwrap();
+        let state: phipsi_simulate::RunState = serde_json::from_slice(&whole.state.unwrap()).unwrap();
+        let done = state.rows as usize;
+        assert!(done > 2 && state.bath.is_some());
+        let mut rest = Recording::default();
+        phipsi_simulate::resume(&mut scene(&text).unwrap().simulation, state, &mut rest).unwrap();
+        assert_eq!(rest.rows[..], whole.recording.rows[done..], "{ensemble}");
+    }
+}
+
+#[test]
+fn wrong_ensembles_say_what_is_required() {
+    let reported = |text: String| {
+        let found: Vec<Problem> = reports(&text).into_iter().flat_map(|r| r.errors).collect();
+        assert_eq!(found.len(), 1, "{found:?}");
+        found[0].clone()
+    };
+    let e = reported(with_ensemble("\"langevine\""));
+    assert!(e.remedy.contains("langevin"), "{e:?}");
+    let e = reported(with_ensemble("\"langevin\"").replace("temperature_K = 300\n", ""));
+    assert!(e.remedy.contains("temperature_K"), "{e:?}");
+    let e = reported(SCENE.replace("temperature_K = 300", "fixman = true"));
+    assert!(e.remedy.contains("temperature_K"), "{e:?}");
+    let e = reported(with_ensemble("\"nve\"\nfriction_per_ps = 1"));
+    assert!(e.remedy.contains("langevin"), "{e:?}");
+    let e = reported(with_ensemble("\"hmc\"\ntrajectory_steps = 0"));
+    assert!(e.required.contains("at least 1"), "{e:?}");
+    // 0.4 ps are no whole number of trajectories of 7 steps of 4 fs; nor is every = 0.02 then.
+    let found: Vec<Problem> =
+        reports(&with_ensemble("\"hmc\"\ntrajectory_steps = 7")).into_iter().flat_map(|r| r.errors).collect();
+    assert!(found.iter().any(|e| e.required.contains("whole number of trajectories")), "{found:?}");
+}

@@ -1,6 +1,9 @@
 //! Reference molecules that several tests read.
 #![allow(dead_code)] // each test binary uses its own part
 
+pub mod chains;
+pub mod statistics;
+
 use flate2::read::GzDecoder;
 use phipsi_formats::system::{SystemOptions, read_system};
 use phipsi_molecule::{AtomName, Atoms, ForceField};

@@ -396,11 +396,16 @@ class TorsionModel:
         self,
         steps: int,
         dt_fs: float,
-        ensemble: Literal["nve"] = "nve",
+        ensemble: Literal["nve", "langevin", "nose_hoover", "hmc"] = "nve",
         temperature_K: float = 300.0,
+        friction_per_ps: float = 1.0,
         seed: int = 0,
-        every: int | None = None,
+        fixman: bool = False,
         trajectory: str | PathLike[str] | None = None,
+        *,
+        every: int | None = None,
+        relaxation_ps: float = 0.1,
+        trajectory_steps: int | None = None,
     ) -> Run: ...
 
 @final
@@ -420,6 +425,16 @@ class Minimum:
 
 @final
 class Run:
+    @property
+    def ensemble(self) -> str: ...
+    @property
+    def distribution(self) -> Literal["rigid", "stiff limit"]: ...
+    @property
+    def degrees_of_freedom(self) -> int: ...
+    @property
+    def fixman_energy(self) -> NDArray[np.float64]: ...
+    @property
+    def refused(self) -> int: ...
     @property
     def time_ps(self) -> NDArray[np.float64]: ...
     @property

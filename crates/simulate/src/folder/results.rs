@@ -83,6 +83,15 @@ pub struct Plan {
     /// Why this one.
     #[serde(default)]
     pub form_why: Option<String>,
+    /// The ensemble of a molecule.
+    #[serde(default)]
+    pub ensemble: Option<String>,
+    /// The distribution of a molecule's configurations.
+    #[serde(default)]
+    pub distribution: Option<String>,
+    /// Degrees of freedom of a molecule that carry its temperature.
+    #[serde(default)]
+    pub degrees_of_freedom: Option<usize>,
     /// What the scene does not need.
     pub left_out: Vec<String>,
 }
@@ -116,6 +125,18 @@ pub struct Results {
     pub drift: Option<EnergyDrift>,
     /// Mean temperature of a molecule, K: 2⟨kinetic energy⟩/(degrees of freedom · k).
     pub temperature_K: Option<f64>,
+    /// Word of a molecule's ensemble: nve, langevin, nose_hoover, hmc.
+    #[serde(default)]
+    pub ensemble: Option<String>,
+    /// Word of the distribution that is sampled: rigid, stiff limit.
+    #[serde(default)]
+    pub distribution: Option<String>,
+    /// Fraction of accepted Monte Carlo trajectories.
+    #[serde(default)]
+    pub acceptance: Option<f64>,
+    /// Refused trajectories or drifts of a bath.
+    #[serde(default)]
+    pub refused: Option<u64>,
     /// Residuals of closures.
     pub closure_residual: Option<Value>,
     /// Largest relative error of outputs with known values.
@@ -243,12 +264,20 @@ impl Plan {
             time_unit: simulation.time_unit().into(),
             form,
             form_why,
+            ensemble: simulation.molecule.as_ref().map(|m| m.ensemble.describe("ps")),
+            distribution: simulation.molecule.as_ref().map(|m| m.distribution.describe().into()),
+            degrees_of_freedom: simulation.molecule.as_ref().map(|_| simulation.degrees_of_freedom()),
             left_out: simulation.left_out(),
         }
     }
     /// The form of forward dynamics and why, in a line.
     pub fn describe_form(&self) -> Option<String> {
         Some(format!("{} ({})", self.form.as_ref()?, self.form_why.as_ref()?))
+    }
+    /// Ensemble, distribution and degrees of freedom, in lines.
+    pub fn describe_ensemble(&self) -> Option<[String; 2]> {
+        let (ensemble, n) = (self.ensemble.as_ref()?, self.degrees_of_freedom?);
+        Some([format!("{ensemble}; {n} degrees of freedom"), self.distribution.clone()?])
     }
     /// Method and error control in a few words.
     pub fn describe(&self) -> String {
@@ -292,14 +321,18 @@ impl Results {
                     slope: d.slope,
                     error: d.error,
                     noise: d.noise,
-                    degrees_of_freedom: model.nv(),
+                    degrees_of_freedom: simulation.degrees_of_freedom(),
                 }),
                 Scheme::Explicit(_) => None,
             },
             temperature_K: simulation.molecule.as_ref().map(|_| {
                 let kinetic: f64 = rows.iter().map(|r| r.energy[0] / rows.len() as f64).sum();
-                phipsi_molecule::temperature(kinetic, model.nv())
+                phipsi_molecule::temperature(kinetic, simulation.degrees_of_freedom())
             }),
+            ensemble: simulation.molecule.as_ref().map(|m| m.ensemble.word().into()),
+            distribution: simulation.molecule.as_ref().map(|m| m.distribution.word().into()),
+            acceptance: summary.trials.and_then(|t| t.acceptance()),
+            refused: summary.trials.map(|t| t.refused),
             closure_residual: None,
             reference_error: summary.reference_error,
         }

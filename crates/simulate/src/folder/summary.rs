@@ -35,6 +35,16 @@ fn of_results(file: &RunFile, results: &Results) -> Vec<(&'static str, Vec<Strin
     if let Some(form) = plan.describe_form() {
         rows.insert(2, ("forward dynamics", vec![form]));
     }
+    if let Some([ensemble, distribution]) = plan.describe_ensemble() {
+        rows.insert(2, ("ensemble", vec![ensemble]));
+        rows.insert(3, ("distribution", vec![distribution]));
+    }
+    if let Some(acceptance) = results.acceptance {
+        rows.push(("acceptance", vec![format!("{acceptance:.3}")]));
+    }
+    if let Some(refused) = results.refused.filter(|n| *n > 0) {
+        rows.push(("refused", vec![format!("{refused} trajectories or drifts that did not converge")]));
+    }
     if let Some(m) = &results.momentum_error {
         rows.push(("momentum error", vec![format!("angular {:.1e}, linear {:.1e}", m.angular, m.linear)]));
     }

@@ -8,9 +8,9 @@ use phipsi_formats::system::SystemOptions;
 use phipsi_formats::{Note, Problem, Report};
 use phipsi_model::State;
 use phipsi_molecule::{
-    BondKind, Clustering, Clusters, Deviates, ForceField, Hinges, MinimizeOptions, MolecularForces,
-    MoleculeErrors, PotentialForce, TorsionModel, draw_velocities, read_molecule, satisfied_constraints,
-    strain,
+    BOLTZMANN, BondKind, Clustering, Clusters, Deviates, Distribution, FixmanForce, ForceField, Hinges,
+    MinimizeOptions, MolecularForces, MoleculeErrors, PotentialForce, TorsionModel, draw_velocities,
+    read_molecule, satisfied_constraints, strain,
 };
 use phipsi_motion::Force;
 use phipsi_motion::forces::JointDissipation;
@@ -25,7 +25,7 @@ const MINIMIZED: f64 = 0.01;
 /// What a molecule has besides its model.
 pub(crate) struct MoleculeScene {
     pub(crate) molecule: Molecule,
-    pub(crate) force: Box<dyn Force>,
+    pub(crate) forces: Vec<Box<dyn Force>>,
     pub(crate) start: State,
 }
 
@@ -43,6 +43,13 @@ pub(crate) fn read(
     let temperature = table.positive("temperature_K", true, report);
     let seed = seed(&mut table, report);
     let minimize = minimize(&mut table, report);
+    let fixman = table.flag("fixman", report).unwrap_or(false);
+    if fixman && temperature.is_none_or(|t| t == 0.0) {
+        let node = table.get("fixman");
+        let found = "fixman = true without a temperature above zero";
+        let remedy = "set `temperature_K`";
+        table.error(node, report, found, "the temperature of Fixman's potential", remedy);
+    }
     table.finish(report);
     let (Some(pdb), Some(system)) = (pdb, system) else { return Err(Vec::new()) };
     let loaded = read_molecule(&pdb, &system, &SystemOptions { ignore });
@@ -113,9 +120,13 @@ pub(crate) fn read(
         SceneFile { key: "molecule.pdb".into(), path: pdb },
         SceneFile { key: "molecule.system".into(), path: system },
     ];
-    let molecule = Molecule::new(torsion, seed);
-    let force = Box::new(PotentialForce::new("force field", forces));
-    let molecule = Some(MoleculeScene { molecule, force, start });
+    let mut own: Vec<Box<dyn Force>> = vec![Box::new(PotentialForce::new("force field", forces))];
+    if let (true, Some(temperature)) = (fixman, temperature) {
+        own.push(Box::new(FixmanForce::new(torsion.layout(), BOLTZMANN * temperature)));
+    }
+    let mut molecule = Molecule::new(torsion, seed);
+    (molecule.temperature, molecule.distribution) = (temperature, Distribution::with_fixman(fixman));
+    let molecule = Some(MoleculeScene { molecule, forces: own, start });
     Ok(Mechanism { model, files, reports, friction_speed: JointDissipation::SPEED, molecule })
 }
 

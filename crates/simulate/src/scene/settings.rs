@@ -1,10 +1,11 @@
 //! `[initial]`, `[integrator]` and `[record]`.
 
-use super::tree::{Entry, Node, Table, finite, number_list, suggestion};
+use super::tree::{Entry, Node, Table, Value, finite, number_list, suggestion};
 use crate::folder::CHECKPOINT_S;
 use crate::simulation::{Choice, DEFAULT_TOLERANCE};
 use phipsi_formats::{Problem, Report};
 use phipsi_model::{JointKind, Model, State};
+use phipsi_molecule::{Ensemble, ensemble};
 use phipsi_motion::{Method, Scheme, Tolerances};
 use phipsi_recursion::Form;
 
@@ -19,6 +20,7 @@ pub(crate) struct IntegratorSettings {
     pub(crate) automatic: bool,
     /// The keys that are there.
     pub(crate) keys: Vec<String>,
+    pub(crate) ensemble: Ensemble,
 }
 
 /// Start: a given state with the joints that `[initial]` names.
@@ -155,6 +157,12 @@ pub(crate) fn integrator(
             table.error(node, report, found, "a tolerance from 1e-14 to 0.1", "choose one in this range");
         }
     }
+    let ensemble = if molecule { ensemble(&mut table, step, report) } else { Ensemble::ConstantEnergy };
+    if ensemble != Ensemble::ConstantEnergy && word != "midpoint" {
+        let node = table.get("ensemble");
+        let found = format!("ensemble = \"{}\" with method = \"{word}\"", ensemble.word());
+        table.error(node, report, found, "method = \"midpoint\"", "remove `method`");
+    }
     let choice = match (word, step) {
         ("rk4", Some(step)) => Choice::asked(Method::Rk4 { step }),
         ("midpoint", Some(step)) => {
@@ -192,12 +200,13 @@ pub(crate) fn integrator(
         table.error(None, report, found, "a step alone", remedy);
     }
     if let (Scheme::Midpoint { step }, Some(t_end)) = (choice.method, t_end)
+        && let step = ensemble.stride() as f64 * step
         && !is_multiple(t_end, step)
     {
         let node = table.get("t_end");
-        let found = format!("t_end = {t_end} with a step of {step}");
+        let found = format!("t_end = {t_end} with {} of {step}", pieces(&ensemble).1);
         let remedy = format!("use t_end = {}", (t_end / step).round().max(1.0) * step);
-        table.error(node, report, found, "a whole number of steps", remedy);
+        table.error(node, report, found, format!("a whole number of {}", pieces(&ensemble).0), remedy);
     }
     if let (Some(step), Some(t_end)) = (choice.method.fixed_step(), t_end)
         && t_end / step > 1e10
@@ -215,7 +224,49 @@ pub(crate) fn integrator(
         form,
         automatic: word == "auto",
         keys,
+        ensemble,
     })
+}
+
+/// What a run is made of, several and one.
+fn pieces(ensemble: &Ensemble) -> (&'static str, &'static str) {
+    if ensemble.stride() > 1 { ("trajectories", "a trajectory") } else { ("steps", "a step") }
+}
+
+/// `ensemble` with its parameter; a parameter of another one is refused. `step`: ps.
+fn ensemble(table: &mut Table<'_>, step: Option<f64>, report: &mut Report) -> Ensemble {
+    let word = table.word("ensemble", &Ensemble::WORDS, report).unwrap_or("nve");
+    let friction = table.positive("friction_per_ps", true, report);
+    let relaxation = table.positive("relaxation_ps", false, report);
+    let steps = match table.get("trajectory_steps").map(|node| &node.value) {
+        None => None,
+        Some(Value::Integer(n)) if *n > 0 => Some(*n as u64),
+        Some(other) => {
+            let (node, found) =
+                (table.get("trajectory_steps"), format!("trajectory_steps = {}", other.describe()));
+            table.error(node, report, found, "a whole number, at least 1", "correct `trajectory_steps`");
+            None
+        }
+    };
+    for (key, owner) in
+        [("friction_per_ps", "langevin"), ("relaxation_ps", "nose_hoover"), ("trajectory_steps", "hmc")]
+    {
+        if word != owner && table.get(key).is_some() {
+            let node = table.get(key);
+            let found = format!("{key} with ensemble = \"{word}\"");
+            let remedy = format!("remove `{key}`, or set ensemble = \"{owner}\"");
+            table.error(node, report, found, format!("ensemble = \"{owner}\""), remedy);
+        }
+    }
+    match word {
+        "langevin" => Ensemble::Langevin { friction: friction.unwrap_or(ensemble::FRICTION) },
+        "nose_hoover" => Ensemble::NoseHoover { relaxation: relaxation.unwrap_or(ensemble::RELAXATION) },
+        "hmc" => {
+            let own = step.map_or(1.0, |h| (ensemble::TRAJECTORY / h).round().max(1.0)) as u64;
+            Ensemble::HybridMonteCarlo { steps: steps.unwrap_or(own) }
+        }
+        _ => Ensemble::ConstantEnergy,
+    }
 }
 
 /// Most samples of a run.
@@ -230,23 +281,27 @@ fn is_multiple(x: f64, step: f64) -> bool {
 /// Interval of the samples, and wall time between checkpoints. The midpoint method has states at its steps only.
 pub(crate) fn record(
     scene: &mut Table<'_>,
-    IntegratorSettings { t_end, choice, .. }: &IntegratorSettings,
+    IntegratorSettings { t_end, choice, ensemble, .. }: &IntegratorSettings,
     report: &mut Report,
 ) -> (f64, f64) {
     let every = match choice.method {
-        Scheme::Midpoint { step } => (t_end / 200.0 / step).ceil() * step,
+        Scheme::Midpoint { step } => {
+            let step = ensemble.stride() as f64 * step;
+            (t_end / 200.0 / step).ceil() * step
+        }
         Scheme::Explicit(_) => t_end / 200.0,
     };
     let default = (every, CHECKPOINT_S);
     let Some(mut table) = scene.table("record", report) else { return default };
     let every = table.positive("every", false, report).unwrap_or(default.0);
     if let Scheme::Midpoint { step } = choice.method
+        && let step = ensemble.stride() as f64 * step
         && !is_multiple(every, step)
     {
         let node = table.get("every");
-        let found = format!("every = {every} with a step of {step}");
+        let found = format!("every = {every} with {} of {step}", pieces(ensemble).1);
         let remedy = format!("use every = {}", (every / step).round().max(1.0) * step);
-        table.error(node, report, found, "a whole number of steps", remedy);
+        table.error(node, report, found, format!("a whole number of {}", pieces(ensemble).0), remedy);
     }
     let checkpoint_s = table.positive("checkpoint_s", true, report).unwrap_or(default.1);
     if t_end / every > MOST_SAMPLES {
