@@ -5,6 +5,7 @@
 //! the end is.
 
 pub mod conserved;
+mod constraints;
 pub mod dynamics;
 pub mod error_estimate;
 pub mod explicit;
@@ -17,6 +18,7 @@ pub mod midpoint_maps;
 mod midpoint_mixing;
 pub mod midpoint_momentum;
 pub mod plan;
+pub mod prescription;
 pub mod signal;
 pub mod stepper;
 pub mod system;
@@ -29,6 +31,7 @@ pub use force::{Force, ForceError, Loads, Needs, Situation};
 pub use integrate::{IntegrateError, Integrator, IntegratorState, Method, StepInfo, Tolerances};
 pub use midpoint::{Conservative, DriftInfo, Midpoint, MidpointError, MidpointState};
 pub use plan::Plan;
+pub use prescription::{Course, MovingClosure, PrescribedJoint, Prescription};
 pub use signal::Signal;
 pub use stepper::{Scheme, StepError, Stepper, StepperState};
-pub use system::System;
+pub use system::{Projected, System};

@@ -22,5 +22,5 @@ pub mod simulation;
 pub use error::SimulateError;
 pub use output::{Output, Quantity};
 pub use record::{LimitPassed, Observer, Recording, Row, StepRecord};
-pub use run::{Progress, RunState, Summary, resume, run};
+pub use run::{ClosureRecord, Progress, RunState, Summary, resume, run};
 pub use simulation::{Choice, Simulation};

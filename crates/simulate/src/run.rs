@@ -6,8 +6,8 @@ use crate::record::{LimitPassed, Observer, Row, StepRecord};
 use crate::simulation::Simulation;
 use phipsi_model::Model;
 use phipsi_motion::{
-    Balance, Conserved, Dynamics, ErrorEstimate, JudgedRun, Method, MotionError, Scheme, StepError, Stepper,
-    StepperState, System, balance, estimate_error,
+    Balance, Conserved, Dynamics, ErrorEstimate, JudgedRun, Method, MotionError, Projected, Scheme, StepError,
+    Stepper, StepperState, System, balance, estimate_error,
 };
 use phipsi_recursion::{DynamicsError, Kinematics};
 use serde::{Deserialize, Serialize};
@@ -16,6 +16,31 @@ use std::time::Instant;
 /// Most instants at which a run is compared with its companion.
 const JUDGED_SAMPLES: usize = 256;
 
+/// How well closures were kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ClosureRecord {
+    /// Largest residual of positions at the ends of steps, m or rad.
+    pub position: f64,
+    /// Largest residual of velocities, m/s or rad/s.
+    pub velocity: f64,
+    /// Kinetic energy of all that projections took from the velocities, J.
+    pub energy_removed: f64,
+}
+
+impl ClosureRecord {
+    fn of(p: &Projected) -> Self {
+        let Projected { position, velocity, energy_removed } = *p;
+        ClosureRecord { position, velocity, energy_removed }
+    }
+    /// Takes a further projection into account.
+    fn record(&mut self, p: &Projected) {
+        let larger = |a: f64, b: f64| if b.is_nan() { b } else { a.max(b) };
+        self.position = larger(self.position, p.position);
+        self.velocity = larger(self.velocity, p.velocity);
+        self.energy_removed += p.energy_removed;
+    }
+}
+
 /// Everything that continues a run bit for bit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunState {
@@ -23,6 +48,9 @@ pub struct RunState {
     pub stepper: StepperState,
     /// Balances so far.
     pub conserved: Conserved,
+    /// Closures so far.
+    #[serde(default)]
+    pub closures: Option<ClosureRecord>,
     /// Rows recorded so far.
     pub rows: u64,
     /// Steps recorded so far.
@@ -43,6 +71,7 @@ pub struct Progress<'a> {
     pub limits: &'a [LimitPassed],
     stepper: &'a Stepper,
     conserved: &'a Conserved,
+    closures: Option<ClosureRecord>,
     rows: u64,
     steps: u64,
     wall_s: f64,
@@ -54,6 +83,7 @@ impl Progress<'_> {
         RunState {
             stepper: self.stepper.checkpoint(),
             conserved: self.conserved.clone(),
+            closures: self.closures,
             rows: self.rows,
             steps: self.steps,
             limits: self.limits.to_vec(),
@@ -87,6 +117,8 @@ pub struct Summary {
     pub energy_error: f64,
     /// Relative imbalances of angular and linear momentum; `None` where the base is not free.
     pub momentum_error: Option<[f64; 2]>,
+    /// How well closures were kept; `None` without closures.
+    pub closures: Option<ClosureRecord>,
     /// Largest relative error of outputs with known values.
     pub reference_error: Option<f64>,
     /// Limits that were passed.
@@ -120,6 +152,7 @@ struct Runner<'a> {
     stepper: Stepper,
     kinematics: Kinematics<f64>,
     conserved: Conserved,
+    closures: Option<ClosureRecord>,
     rows: u64,
     steps: u64,
     limits: Vec<LimitPassed>,
@@ -137,7 +170,7 @@ impl<'a> Runner<'a> {
         let aux = vec![0.0; simulation.dynamics.auxiliary_len()];
         let model = simulation.dynamics.model();
         let start = &simulation.start;
-        let (method, tolerances) = (simulation.choice.method, simulation.tolerances);
+        let tolerances = simulation.tolerances;
         for (what, found, required) in [("q", start.q.len(), model.nq()), ("v", start.v.len(), model.nv())] {
             if found != required {
                 return Err(SimulateError::Start(format!(
@@ -145,7 +178,10 @@ impl<'a> Runner<'a> {
                 )));
             }
         }
-        let start = start.clone();
+        let settled = simulation.settle_start()?.filter(|_| simulation.dynamics.plan().loops);
+        // What a start that is not exact loses is no loss of the run.
+        let closures = settled.map(|p| ClosureRecord { energy_removed: 0.0, ..ClosureRecord::of(&p) });
+        let (method, start) = (simulation.choice.method, simulation.start.clone());
         let mut stepper = Stepper::new(&mut simulation.dynamics, method, tolerances, &start, &aux)
             .map_err(|e| SimulateError::stopped(&e, simulation.dynamics.model()))?;
         if let Some(s) = &state
@@ -162,6 +198,7 @@ impl<'a> Runner<'a> {
         let mut runner = Runner {
             kinematics: Kinematics::new(simulation.dynamics.layout()),
             conserved: Conserved::default(),
+            closures,
             rows: 0,
             steps: 0,
             limits: Vec::new(),
@@ -173,6 +210,7 @@ impl<'a> Runner<'a> {
         };
         if let Some(s) = state {
             runner.conserved = s.conserved;
+            runner.closures = s.closures;
             (runner.rows, runner.steps) = (s.rows, s.steps);
             runner.limits = s.limits;
             runner.spent_s = s.wall_s;
@@ -232,6 +270,9 @@ impl<'a> Runner<'a> {
             .stepper
             .step(dynamics, limit, is_break)
             .map_err(|e| SimulateError::stopped(&e, dynamics.model()))?;
+        if let (Some(record), Some(projected)) = (&mut self.closures, &info.projected) {
+            record.record(projected);
+        }
         self.record_due(observer)?;
         let balance = self.balance()?;
         let imbalance = self.conserved.record(&balance);
@@ -250,6 +291,7 @@ impl<'a> Runner<'a> {
             limits: &self.limits,
             stepper: &self.stepper,
             conserved: &self.conserved,
+            closures: self.closures,
             rows: self.rows,
             steps: self.steps,
             wall_s: self.wall_s(),
@@ -364,6 +406,7 @@ impl<'a> Runner<'a> {
             wall_s: self.wall_s(),
             error_estimate,
             energy_error: self.conserved.energy_error(),
+            closures: self.closures,
             momentum_error: self.simulation.dynamics.plan().momentum.then(|| self.conserved.momentum_error()),
             reference_error: if at_end { reference_error(&self.simulation.known, value) } else { None },
             outputs,
@@ -426,6 +469,9 @@ impl System for Watched<'_> {
             return Err(MotionError::Force(phipsi_motion::ForceError { force: "run".into(), t, message }));
         }
         self.dynamics.derivative(t, q, v, aux, v_dot, aux_dot)
+    }
+    fn project(&mut self, t: f64, q: &mut [f64], v: &mut [f64]) -> Result<Option<Projected>, MotionError> {
+        self.dynamics.project(t, q, v)
     }
 }
 

@@ -116,8 +116,11 @@ pub struct Results {
     pub drift: Option<EnergyDrift>,
     /// Mean temperature of a molecule, K: 2⟨kinetic energy⟩/(degrees of freedom · k).
     pub temperature_K: Option<f64>,
-    /// Residuals of closures.
-    pub closure_residual: Option<Value>,
+    /// Largest residuals of closures.
+    pub closure_residual: Option<ClosureResidual>,
+    /// Kinetic energy that projections onto the closures took, J.
+    #[serde(default)]
+    pub energy_removed: Option<f64>,
     /// Largest relative error of outputs with known values.
     pub reference_error: Option<f64>,
 }
@@ -159,6 +162,15 @@ pub struct EnergyDrift {
     pub noise: f64,
     /// Degrees of freedom.
     pub degrees_of_freedom: usize,
+}
+
+/// Largest residuals of closures at the ends of steps.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct ClosureResidual {
+    /// Of positions, m or rad.
+    pub position: f64,
+    /// Of velocities, m/s or rad/s.
+    pub velocity: f64,
 }
 
 /// Relative imbalances of momentum.
@@ -300,7 +312,10 @@ impl Results {
                 let kinetic: f64 = rows.iter().map(|r| r.energy[0] / rows.len() as f64).sum();
                 phipsi_molecule::temperature(kinetic, model.nv())
             }),
-            closure_residual: None,
+            closure_residual: summary
+                .closures
+                .map(|c| ClosureResidual { position: c.position, velocity: c.velocity }),
+            energy_removed: summary.closures.map(|c| c.energy_removed),
             reference_error: summary.reference_error,
         }
     }
