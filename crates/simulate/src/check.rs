@@ -9,6 +9,7 @@ use phipsi_formats::system::{System, SystemOptions, read_system_file};
 use phipsi_formats::urdf::{UrdfOptions, read_urdf_file};
 use phipsi_formats::{Loaded, Note, Problem, Report};
 use phipsi_model::Model;
+use phipsi_motion::System as _;
 use phipsi_recursion::singular_hinges;
 use serde_json::{Value, json};
 use std::fmt;

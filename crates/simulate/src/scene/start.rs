@@ -4,7 +4,7 @@ use super::settings::Start;
 use crate::simulation::{LARGEST_OPENING, Simulation};
 use phipsi_formats::{Note, Problem, Report};
 use phipsi_model::State;
-use phipsi_motion::MotionError;
+use phipsi_motion::{MotionError, System};
 
 /// How far named values may be from what motions say: numbers are often given with eight digits or so.
 const LARGEST_DIFFERENCE: f64 = 1e-6;
