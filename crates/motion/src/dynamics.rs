@@ -3,11 +3,14 @@
 //! Auxiliary slots, in this order: the work of non-conservative forces (if the plan integrates it), the impulse of external
 //! forces (angular about the centre of mass, linear; world axes), then each force's own.
 
+use crate::constraints::Constraints;
 use crate::force::{Force, ForceError, Loads, Situation};
 use crate::force_rates::{LoadRates, PointRates};
 use crate::midpoint::Conservative;
 use crate::plan::Plan;
-use crate::system::{Linearization, System, differences};
+use crate::prescription::Prescription;
+use crate::system::{Linearization, Projected, System, differences};
+use phipsi_closure::ClosureError;
 use phipsi_model::Model;
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{
@@ -30,6 +33,15 @@ pub enum MotionError {
         /// Its name.
         force: String,
     },
+    /// The loops of a model could not be closed or solved.
+    Closure(ClosureError),
+    /// A motion that is given for something that does not exist, or twice.
+    Prescription {
+        /// What is wrong.
+        what: String,
+    },
+    /// The midpoint method was asked for with closures or prescribed motions.
+    Constrained,
 }
 
 impl fmt::Display for MotionError {
@@ -42,6 +54,13 @@ impl fmt::Display for MotionError {
                 "force `{force}` has no potential energy, which the midpoint method requires; \
                  use an adaptive method, or remove the force"
             ),
+            MotionError::Closure(e) => e.fmt(f),
+            MotionError::Prescription { what } => {
+                write!(f, "{what}; give one motion for each degree of freedom of a joint or row of a closure")
+            }
+            MotionError::Constrained => f.write_str(
+                "the midpoint method does not know closures and prescribed motions; use \"dop853\", \"tsit5\" or \"rk4\"",
+            ),
         }
     }
 }
@@ -51,6 +70,15 @@ impl std::error::Error for MotionError {}
 impl From<DynamicsError> for MotionError {
     fn from(e: DynamicsError) -> Self {
         MotionError::Dynamics(e)
+    }
+}
+
+impl From<ClosureError> for MotionError {
+    fn from(e: ClosureError) -> Self {
+        match e {
+            ClosureError::Dynamics(e) => MotionError::Dynamics(e),
+            e => MotionError::Closure(e),
+        }
     }
 }
 
@@ -70,7 +98,7 @@ pub struct Dynamics {
     slots: Vec<usize>,
     names: Vec<String>,
     kinematics: Kinematics<f64>,
-    forward: FormForwardDynamics,
+    solver: Solver,
     form_choice: Option<FormChoice>,
     inverse: InverseDynamics<f64>,
     rest: Vec<f64>,
@@ -79,26 +107,52 @@ pub struct Dynamics {
     moving_mass: f64,
     tangent: Option<Tangent>,
     aux_dot: Vec<f64>,
+    /// Times at which given motions are not smooth.
+    given_breaks: Vec<f64>,
+}
+
+/// What gives the accelerations.
+enum Solver {
+    /// A tree of passive joints.
+    Tree(FormForwardDynamics),
+    /// Loops, prescribed motions, or both.
+    Constrained(Box<Constraints>),
 }
 
 impl Dynamics {
     /// With the plan that the scene needs.
     ///
     /// # Errors
-    /// [`DynamicsError::Closure`] if the model has closures.
-    pub fn new(model: &Model, forces: Vec<Box<dyn Force>>) -> Result<Self, DynamicsError> {
-        let plan = Plan::new(model, &forces);
-        Self::with_plan(model, forces, plan)
+    /// [`MotionError::Closure`] for a coupling that cannot be; [`MotionError::Dynamics`] for loops of flexible bodies.
+    pub fn new(model: &Model, forces: Vec<Box<dyn Force>>) -> Result<Self, MotionError> {
+        Self::prescribed(model, forces, &Prescription::default())
+    }
+    /// The same where motions of joints or closures are given as functions of time.
+    ///
+    /// # Errors
+    /// As [`Dynamics::new`]; [`MotionError::Prescription`].
+    pub fn prescribed(
+        model: &Model,
+        forces: Vec<Box<dyn Force>>,
+        prescription: &Prescription,
+    ) -> Result<Self, MotionError> {
+        let plan = Plan::new(model, &forces).with_prescription(model, prescription);
+        Self::planned(model, forces, plan, prescription)
     }
     /// With a given plan; [`Plan::everything`] is the general code.
     ///
     /// # Errors
     /// As [`Dynamics::new`].
-    pub fn with_plan(model: &Model, forces: Vec<Box<dyn Force>>, plan: Plan) -> Result<Self, DynamicsError> {
-        let layout = Layout::new(model);
-        if let Some(refusal) = layout.refusal() {
-            return Err(refusal.clone());
-        }
+    pub fn with_plan(model: &Model, forces: Vec<Box<dyn Force>>, plan: Plan) -> Result<Self, MotionError> {
+        Self::planned(model, forces, plan, &Prescription::default())
+    }
+    fn planned(
+        model: &Model,
+        forces: Vec<Box<dyn Force>>,
+        plan: Plan,
+        prescription: &Prescription,
+    ) -> Result<Self, MotionError> {
+        let layout = Layout::new(&model.clone().without_closures());
         let mut names = Vec::new();
         if plan.work {
             names.push("work".to_string());
@@ -112,13 +166,20 @@ impl Dynamics {
             names.extend(force.auxiliary());
             slots.push(names.len());
         }
-        let (forward, form_choice) = forward(model, &layout, plan.form);
+        let (solver, form_choice) = match Constraints::new(model, prescription)? {
+            Some(constraints) => (Solver::Constrained(Box::new(constraints)), None),
+            None => {
+                let (forward, choice) = forward(model, &layout, plan.form);
+                (Solver::Tree(forward), choice)
+            }
+        };
         let moving = layout.carriers().iter().filter(|c| c.body != GROUND);
         Ok(Dynamics {
             moving_mass: moving.map(|c| c.inertia.mass).sum(),
             kinematics: Kinematics::new(&layout),
-            forward,
+            solver,
             form_choice,
+            given_breaks: prescription.breaks(),
             inverse: InverseDynamics::new(&layout),
             tangent: None,
             aux_dot: Vec::new(),
@@ -137,16 +198,87 @@ impl Dynamics {
     pub fn plan(&self) -> &Plan {
         &self.plan
     }
-    /// Another form of forward dynamics than the plan's.
+    /// Another form of forward dynamics than the plan's; loops and prescribed motions have one form only.
     pub fn set_form(&mut self, form: Form) {
-        if form != self.plan.form {
-            (self.forward, self.form_choice) = forward(&self.model, &self.layout, form);
+        if let Solver::Tree(tree) = &mut self.solver
+            && form != self.plan.form
+        {
+            (*tree, self.form_choice) = forward(&self.model, &self.layout, form);
             self.plan.form = form;
         }
     }
     /// The form that runs; never [`Form::Auto`].
     pub fn form(&self) -> Form {
-        self.forward.form()
+        match &self.solver {
+            Solver::Tree(forward) => forward.form(),
+            Solver::Constrained(_) => Form::Plain,
+        }
+    }
+    /// True if the model has loops or prescribed motions.
+    pub fn is_constrained(&self) -> bool {
+        matches!(self.solver, Solver::Constrained(_))
+    }
+    /// Degrees of freedom whose motion is given.
+    pub fn active(&self) -> Vec<bool> {
+        match &self.solver {
+            Solver::Tree(_) => vec![false; self.model.nv()],
+            Solver::Constrained(c) => c.active().to_vec(),
+        }
+    }
+    /// Closures and couplings (by their following joint), with the number of rows of each.
+    pub fn loops(&self) -> Vec<(String, usize)> {
+        match &self.solver {
+            Solver::Tree(_) => Vec::new(),
+            Solver::Constrained(c) => c.loops(),
+        }
+    }
+    /// Number of independent rows of all closures at a state.
+    ///
+    /// # Errors
+    /// [`MotionError`].
+    pub fn rank(&mut self, t: f64, q: &[f64], v: &[f64]) -> Result<usize, MotionError> {
+        match &mut self.solver {
+            Solver::Tree(_) => Ok(0),
+            Solver::Constrained(c) => Ok(c.rank(t, q, v)?),
+        }
+    }
+    /// Largest residuals of closures: positions (m, rad) and velocities; `None` without closures.
+    ///
+    /// # Errors
+    /// [`MotionError`].
+    pub fn closure_residual(
+        &mut self,
+        t: f64,
+        q: &[f64],
+        v: &[f64],
+    ) -> Result<Option<[f64; 2]>, MotionError> {
+        match &mut self.solver {
+            Solver::Constrained(c) if self.plan.loops => Ok(Some(c.residual(t, q, v)?)),
+            _ => Ok(None),
+        }
+    }
+    /// Puts coordinates whose motion is given where they are at time t.
+    pub fn follow(&self, t: f64, q: &mut [f64], v: &mut [f64]) {
+        if let Solver::Constrained(c) = &self.solver {
+            c.follow(t, q, v);
+        }
+    }
+    /// Closes the loops from a rough guess, then makes the velocities consistent. Degrees of freedom (nv) that are `kept` stay:
+    /// the first ones in position, the second in velocity.
+    ///
+    /// # Errors
+    /// [`MotionError::Closure`] if the loops cannot be closed from here.
+    pub fn assemble(
+        &mut self,
+        t: f64,
+        q: &mut [f64],
+        v: &mut [f64],
+        kept: [&[bool]; 2],
+    ) -> Result<Projected, MotionError> {
+        match &mut self.solver {
+            Solver::Tree(_) => Ok(Projected::default()),
+            Solver::Constrained(c) => Ok(c.assemble(t, (q, v), kept)?),
+        }
     }
     /// Why this form, where the plan's is [`Form::Auto`].
     pub fn form_choice(&self) -> Option<&FormChoice> {
@@ -193,6 +325,7 @@ impl Dynamics {
     /// Times at which a force is not smooth, sorted, without repetition.
     pub fn breaks(&self) -> Vec<f64> {
         let mut breaks: Vec<f64> = self.forces.iter().flat_map(|f| f.breaks()).collect();
+        breaks.extend(&self.given_breaks);
         breaks.sort_by(f64::total_cmp);
         breaks.dedup();
         breaks
@@ -353,12 +486,28 @@ impl System for Dynamics {
     ) -> Result<(), MotionError> {
         self.collect(t, (q, v, aux), aux_dot)?;
         let wrenches = self.plan.wrenches.then_some(&self.wrenches[..]);
-        self.forward.run(&self.layout, q, v, &self.tau, wrenches, v_dot)?;
+        match &mut self.solver {
+            Solver::Tree(forward) => forward.run(&self.layout, q, v, &self.tau, wrenches, v_dot)?,
+            Solver::Constrained(c) => {
+                let wants_power = self.plan.work && self.plan.prescribed;
+                let power = c.run((t, q, v), &self.tau, wrenches, wants_power, v_dot)?;
+                if wants_power {
+                    aux_dot[0] += power;
+                }
+            }
+        }
         Ok(())
     }
 
+    fn project(&mut self, t: f64, q: &mut [f64], v: &mut [f64]) -> Result<Option<Projected>, MotionError> {
+        match &mut self.solver {
+            Solver::Tree(_) => Ok(None),
+            Solver::Constrained(c) => Ok(Some(c.project(t, q, v)?)),
+        }
+    }
+
     fn is_autonomous(&self) -> bool {
-        self.forces.iter().all(|f| f.is_autonomous())
+        matches!(self.solver, Solver::Tree(_)) && self.forces.iter().all(|f| f.is_autonomous())
     }
 
     fn linearize(
@@ -369,7 +518,8 @@ impl System for Dynamics {
         aux: &[f64],
         out: &mut Linearization,
     ) -> Result<u64, MotionError> {
-        if !self.analytic(t, (q, v, aux), out)? {
+        let loops = matches!(self.solver, Solver::Constrained(_));
+        if loops || !self.analytic(t, (q, v, aux), out)? {
             return differences(self, t, (q, v, aux), out);
         }
         if !aux.is_empty() {
@@ -434,6 +584,9 @@ impl Conservative for Dynamics {
     type Error = MotionError;
 
     fn evaluate(&mut self, q: &[f64], out: &mut [f64]) -> Result<f64, MotionError> {
+        if self.is_constrained() {
+            return Err(MotionError::Constrained);
+        }
         if let Some(force) = self.forces.iter().find(|f| !f.needs().conservative || !f.auxiliary().is_empty())
         {
             return Err(MotionError::NotConservative { force: force.name().into() });

@@ -3,7 +3,7 @@
 use crate::explicit::{NotFinite, StageError};
 use crate::increment::largest_rotation;
 use crate::one_step::OneStep;
-use crate::system::System;
+use crate::system::{Projected, System};
 use phipsi_model::Model;
 use std::fmt;
 
@@ -122,6 +122,8 @@ pub struct StepInfo {
     pub t0: f64,
     /// End.
     pub t1: f64,
+    /// What the projection at its end did; `None` where nothing is projected.
+    pub projected: Option<Projected>,
 }
 
 /// Everything that continues a run bit for bit.
@@ -343,28 +345,46 @@ impl Integrator {
             if fixed.is_some() && error.is_infinite() {
                 return Err(IntegrateError::StepUnderflow { t: t0, h: trial, cause });
             }
-            if error <= 1.0 {
-                let t1 = if landing { limit } else { t0 + trial };
-                self.finish(system, t1, trial, error, rejected, fixed);
-                return Ok(StepInfo { t0, t1 });
+            let t1 = if landing { limit } else { t0 + trial };
+            let mut refused = !(error <= 1.0);
+            let mut projected = None;
+            if !refused {
+                match self.arrive(system, t1) {
+                    Ok(done) => projected = done,
+                    Err(e) => {
+                        cause = Some(StageError::System(e));
+                        refused = true;
+                    }
+                }
+            }
+            if !refused {
+                self.finish(t1, trial, error, rejected, fixed, projected.is_none());
+                return Ok(StepInfo { t0, t1, projected });
+            }
+            if fixed.is_some() {
+                return Err(IntegrateError::StepUnderflow { t: t0, h: trial, cause });
             }
             rejected = true;
             self.state.counts[1] += 1;
             let (alpha, _) = self.step.controller();
-            h = trial * if error.is_finite() { (0.9 * error.powf(-alpha)).clamp(0.2, 0.9) } else { 0.25 };
+            h = trial
+                * if error.is_finite() && error > 1.0 {
+                    (0.9 * error.powf(-alpha)).clamp(0.2, 0.9)
+                } else {
+                    0.25
+                };
         }
     }
 
-    fn finish<S: System>(
-        &mut self,
-        system: &S,
-        t1: f64,
-        trial: f64,
-        error: f64,
-        rejected: bool,
-        fixed: Option<f64>,
-    ) {
+    /// The end of the attempted step, projected.
+    fn arrive<S: System>(&mut self, system: &mut S, t1: f64) -> Result<Option<Projected>, S::Error> {
         self.step.accept(system, &mut self.next_q, &mut self.next);
+        let nv = self.state.v.len();
+        system.project(t1.min(self.latest), &mut self.next_q, &mut self.next[nv..2 * nv])
+    }
+
+    /// Takes the end of the attempted step over; `carries`: its derivative is that of the next start.
+    fn finish(&mut self, t1: f64, trial: f64, error: f64, rejected: bool, fixed: Option<f64>, carries: bool) {
         let s = &mut self.state;
         let nv = s.v.len();
         if fixed.is_none() {
@@ -386,6 +406,7 @@ impl Integrator {
         s.aux_dot.copy_from_slice(aux_dot);
         s.largest.iter_mut().zip(&s.v).for_each(|(l, v)| *l = l.max(v.abs()));
         s.counts[0] += 1;
+        s.carried = carries;
         self.pending = true;
     }
 
@@ -411,6 +432,9 @@ impl Integrator {
         let theta = (t - start) / h;
         let result = self.step.sample(system, theta, self.latest, q, v, aux);
         self.state.counts[2] = self.step.evaluations();
-        result.map_err(|cause| IntegrateError::Start { t, cause })
+        result
+            .and_then(|()| system.project(t.min(self.latest), q, v).map_err(StageError::System))
+            .map(|_| ())
+            .map_err(|cause| IntegrateError::Start { t, cause })
     }
 }

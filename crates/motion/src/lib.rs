@@ -5,6 +5,7 @@
 //! the end is.
 
 pub mod conserved;
+mod constraints;
 pub mod dynamics;
 pub mod error_estimate;
 pub mod explicit;
@@ -20,6 +21,7 @@ mod midpoint_mixing;
 pub mod midpoint_momentum;
 mod one_step;
 pub mod plan;
+pub mod prescription;
 pub mod rosenbrock;
 pub mod rosenbrock_tableau;
 pub mod signal;
@@ -37,7 +39,8 @@ pub use force_rates::{LoadRates, PointRates};
 pub use integrate::{IntegrateError, Integrator, IntegratorState, Method, StepInfo, Tolerances};
 pub use midpoint::{Conservative, DriftInfo, Midpoint, MidpointError, MidpointState};
 pub use plan::Plan;
+pub use prescription::{Course, MovingClosure, PrescribedJoint, Prescription};
 pub use signal::Signal;
 pub use stepper::{Scheme, StepError, Stepper, StepperState};
-pub use system::{Linearization, System};
+pub use system::{Linearization, Projected, System};
 pub use wide::{WideDynamics, WideLoads, WideSituation};

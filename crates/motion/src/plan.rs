@@ -1,6 +1,7 @@
 //! What a scene needs, decided once, and what is left out.
 
-use crate::force::Force;
+use crate::force::{Force, acts_on_base};
+use crate::prescription::Prescription;
 use phipsi_model::{JointKind, Model};
 use phipsi_recursion::Form;
 
@@ -19,6 +20,10 @@ pub struct Plan {
     pub momentum: bool,
     /// Gravity is not zero.
     pub gravity: bool,
+    /// The model has closures or couplings.
+    pub loops: bool,
+    /// Some motion is given as a function of time.
+    pub prescribed: bool,
     /// The form of forward dynamics that is asked for.
     pub form: Form,
 }
@@ -34,7 +39,10 @@ impl Plan {
         let needs: Vec<_> = forces.iter().map(|f| f.needs()).collect();
         let wrenches = needs.iter().any(|n| n.wrenches);
         let gravity = model.gravity() != [0.0; 3];
+        // A closure to the world pushes from outside.
+        let tied = model.closures().iter().any(|c| c.body_a == "world" || c.body_b == "world");
         let momentum = !model.is_empty()
+            && !tied
             && (0..model.len())
                 .all(|k| model.tree().parent(k).is_some() || model.joints()[k].kind == JointKind::Free);
         Plan {
@@ -44,10 +52,24 @@ impl Plan {
             impulse: momentum && (gravity || forces.iter().any(|f| f.is_external(model))),
             momentum,
             gravity,
+            loops: !(model.closures().is_empty() && model.couplings().is_empty()),
+            prescribed: false,
             form: Form::Auto,
         }
     }
-    /// Everything, whether needed or not: the general code that a plan is compared with.
+    /// The same where some motions are given: actuators do work, and those at a base push from outside.
+    pub fn with_prescription(mut self, model: &Model, prescription: &Prescription) -> Self {
+        if prescription.is_empty() {
+            return self;
+        }
+        let at_base = prescription.joints.iter().any(|p| acts_on_base(model, p.dof));
+        self.momentum &= !at_base;
+        self.impulse &= !at_base;
+        (self.prescribed, self.work) = (true, true);
+        self
+    }
+    /// Everything, whether needed or not: the general code that a plan is compared with. Loops and given motions are no choice:
+    /// their solver runs where there are any.
     pub fn everything() -> Self {
         Plan {
             kinematics: true,
@@ -56,6 +78,8 @@ impl Plan {
             impulse: true,
             momentum: true,
             gravity: true,
+            loops: false,
+            prescribed: false,
             form: Form::Auto,
         }
     }
@@ -67,8 +91,8 @@ impl Plan {
                 lines.push(line.to_string());
             }
         };
-        say(false, "loop closures and their projection: the model is a tree");
-        say(false, "articulated sweep over prescribed joints: every joint is passive");
+        say(self.loops, "loop closures and their projection: the model is a tree");
+        say(self.prescribed, "articulated sweep over prescribed joints: every joint is passive");
         say(self.gravity, "gravity: it is zero");
         say(self.kinematics, "poses of bodies in the force sweep: no force needs them");
         say(self.wrenches, "wrenches on bodies: no force adds any");

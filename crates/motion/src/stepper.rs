@@ -201,7 +201,7 @@ impl Stepper {
                 let t0 = m.t();
                 m.method.step(dynamics, m.step).map_err(StepError::Midpoint)?;
                 m.settle().map_err(|cause| StepError::Midpoint(MidpointError::Dynamics { t: t0, cause }))?;
-                Ok(StepInfo { t0, t1: m.t() })
+                Ok(StepInfo { t0, t1: m.t(), projected: None })
             }
         }
     }

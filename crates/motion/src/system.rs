@@ -2,6 +2,17 @@
 
 use phipsi_model::Model;
 
+/// What putting a state back onto closures and prescribed motions did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Projected {
+    /// Largest residual of the closures afterwards, rad or m.
+    pub position: f64,
+    /// Largest residual of their rates afterwards, rad/s or m/s.
+    pub velocity: f64,
+    /// Kinetic energy of what was taken from the velocities, J.
+    pub energy_removed: f64,
+}
+
 /// Equations of motion on the configuration space of a model, with quantities integrated beside the state.
 pub trait System {
     /// Why a derivative could not be computed.
@@ -23,6 +34,13 @@ pub trait System {
         v_dot: &mut [f64],
         aux_dot: &mut [f64],
     ) -> Result<(), Self::Error>;
+    /// Puts a state back onto what the system keeps exactly; `None` and no change where there is no such thing.
+    ///
+    /// # Errors
+    /// The step that led here is then tried again with a smaller size.
+    fn project(&mut self, _t: f64, _q: &mut [f64], _v: &mut [f64]) -> Result<Option<Projected>, Self::Error> {
+        Ok(None)
+    }
     /// True if the derivative does not depend on time itself.
     fn is_autonomous(&self) -> bool {
         false

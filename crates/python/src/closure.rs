@@ -2,10 +2,11 @@
 
 use crate::batch::{Argument, Batch};
 use crate::dynamics::{ForwardInfo, forward_judgement};
-use crate::errors::{Failure, argument_error, choice_error, exception, violations_error};
+use crate::errors::{Failure, argument_error, choice_error, dynamics_error, exception, violations_error};
 use crate::model::{Compiled, Model, Names};
 use phipsi::closure::{ClosedDynamics, ClosureError, Conditions};
 use phipsi::model::{Closure, ClosureKind, Placement};
+use phipsi::motion::MotionError;
 use phipsi::recursion::{Form, forward_info};
 use phipsi::spatial::{Mat3, Quaternion, Vec3};
 use pyo3::IntoPyObjectExt;
@@ -469,6 +470,15 @@ pub fn closure_error(py: Python<'_>, error: &ClosureError, state: Option<Vec<usi
             ];
             exception(py, "NumericalError", &message, fields)
         }
+        other => exception(py, "ModelError", &other.to_string(), vec![]),
+    }
+}
+
+/// Equations of motion that could not be set up, or loops that could not be closed.
+pub fn motion_error(py: Python<'_>, error: &MotionError) -> PyErr {
+    match error {
+        MotionError::Dynamics(e) => dynamics_error(py, e, None),
+        MotionError::Closure(e) => closure_error(py, e, None),
         other => exception(py, "ModelError", &other.to_string(), vec![]),
     }
 }

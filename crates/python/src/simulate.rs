@@ -1,6 +1,7 @@
 //! `simulate`: a model or a scene through `phipsi_simulate`, with control laws in Python.
 
 use crate::batch::{Argument, array};
+use crate::closure::motion_error;
 use crate::errors::{Field, argument_error, choice_error, dynamics_error, exception};
 use crate::model::Model;
 use crate::report::{Problem, Report};
@@ -68,6 +69,9 @@ impl Observer for Watcher {
 
 /// Simulates a model or a scene file, with the error of its end.
 ///
+/// Loops (``Model.close_loop``, ``<mimic>``) are followed: after each step positions and velocities are projected onto them with
+/// the least change in kinetic energy. The start must close them, see ``Model.assemble``; ``v0`` is made consistent.
+///
 /// Damping and friction of the file's joints act; joint limits do not, but ``Trajectory.limits`` tells which were passed.
 ///
 /// Parameters
@@ -89,7 +93,7 @@ impl Observer for Watcher {
 ///
 /// Raises
 /// ------
-/// ArgumentError; ModelError for a model with closures or a scene that cannot be used; NumericalError, with ``time`` and
+/// ArgumentError; ModelError for a model or a scene that cannot be used; Error for a start with open loops; NumericalError, with ``time`` and
 /// the ``trajectory`` so far, where no step can be made.
 ///
 /// Example
@@ -196,7 +200,7 @@ fn from_model(
         forces.push(Box::new(control_law(model, &control, raised)?));
     }
     let compiled = model.compiled();
-    Simulation::new(&compiled.model, forces, t_end).map_err(|e| dynamics_error(py, &e, None))
+    Simulation::new(&compiled.model, forces, t_end).map_err(|e| motion_error(py, &e))
 }
 
 fn from_scene(scene: &Bound<'_, PyAny>, t_end: Option<f64>, control: bool) -> PyResult<Simulation> {
@@ -338,6 +342,7 @@ pub fn simulate_error(py: Python<'_>, error: SimulateError) -> PyErr {
             exception(py, "ModelError", &message.join("\n"), fields)
         }
         SimulateError::Dynamics(e) => dynamics_error(py, &e, None),
+        SimulateError::Motion(e) => motion_error(py, &e),
         SimulateError::Stopped { t, message } => {
             let fields = vec![
                 ("quantity", Some("step".into())),

@@ -1,7 +1,8 @@
 //! `Simulator`: one's own loop, one step of bounded work a call.
 
 use crate::batch::{Argument, array};
-use crate::errors::{Field, argument_error, dynamics_error, exception};
+use crate::closure::motion_error;
+use crate::errors::{Field, argument_error, exception};
 use crate::model::{Compiled, Model};
 use phipsi::motion::forces::JointDissipation;
 use phipsi::motion::{
@@ -93,7 +94,7 @@ impl Simulator {
         if let Some(force) = JointDissipation::new(model, JointDissipation::SPEED) {
             forces.push(Box::new(force));
         }
-        let dynamics = Dynamics::new(model, forces).map_err(|e| dynamics_error(py, &e, None))?;
+        let dynamics = Dynamics::new(model, forces).map_err(|e| motion_error(py, &e))?;
         let integrator = integrator(&dynamics, t0, &q, &v);
         let stepper = Mutex::new(Stepper { dynamics, integrator });
         Ok(Simulator { compiled, tau, substeps, stepper })

@@ -13,7 +13,8 @@ use pyo3::types::PyDict;
 /// ``q``, ``v``: estimated largest error of a component at the end, rad or m, rad/s or m/s; None where the motion is chaotic
 /// or nothing was estimated. ``horizon``: then, the time up to which they were small, s. ``how``: how it was estimated.
 /// ``energy_error``: largest |E − E₀ − work| over the largest sum of |energies|. ``momentum_error``: {"angular", "linear"},
-/// relative imbalances; None unless the base is free.
+/// relative imbalances; None unless the base is free. ``closure_residual``: {"position", "velocity"}, largest of m and rad at
+/// the ends of steps; None without loops. ``energy_removed``: what projections onto the loops took from the velocities, J.
 #[pyclass(frozen, get_all, module = "phipsi")]
 pub struct RunError {
     /// Error of q at the end.
@@ -28,6 +29,10 @@ pub struct RunError {
     pub energy_error: Option<f64>,
     /// Relative imbalances of momentum.
     pub momentum_error: Option<Py<PyDict>>,
+    /// Largest residuals of closures.
+    pub closure_residual: Option<Py<PyDict>>,
+    /// Kinetic energy that projections took, J.
+    pub energy_removed: Option<f64>,
 }
 
 #[pymethods]
@@ -120,6 +125,12 @@ impl Trajectory {
             d.set_item("linear", linear)?;
             PyResult::Ok(d.unbind())
         });
+        let closure_residual = summary.and_then(|s| s.closures).map(|c| {
+            let d = PyDict::new(py);
+            d.set_item("position", c.position)?;
+            d.set_item("velocity", c.velocity)?;
+            PyResult::Ok(d.unbind())
+        });
         let error = RunError {
             q: estimate.and_then(|e| e.q),
             v: estimate.and_then(|e| e.v),
@@ -127,6 +138,8 @@ impl Trajectory {
             how: estimate.map(|e| e.how.clone()),
             energy_error: summary.map(|s| s.energy_error),
             momentum_error: momentum_error.transpose()?,
+            closure_residual: closure_residual.transpose()?,
+            energy_removed: summary.and_then(|s| s.closures).map(|c| c.energy_removed),
         };
         let (nq, nv) = (simulation.start.q.len(), simulation.start.v.len());
         let stack = |of: fn(&phipsi_simulate::Row) -> &[f64], width: usize| {

@@ -3,11 +3,13 @@
 use crate::error::SimulateError;
 use crate::folder::results::Plan;
 use crate::scene;
+use crate::simulation::Simulation;
 use phipsi_formats::pdb::read_pdb_file;
 use phipsi_formats::system::{System, SystemOptions, read_system_file};
 use phipsi_formats::urdf::{UrdfOptions, read_urdf_file};
 use phipsi_formats::{Loaded, Note, Problem, Report};
 use phipsi_model::Model;
+use phipsi_motion::System as _;
 use phipsi_recursion::singular_hinges;
 use serde_json::{Value, json};
 use std::fmt;
@@ -42,12 +44,49 @@ pub struct Contents {
     pub joint_names: Vec<String>,
     /// Mass of all bodies, kg.
     pub total_mass: f64,
+    /// Loops; `None` for a tree.
+    pub loops: Option<Loops>,
     /// Method and what is left out, for a scene.
     pub plan: Option<Plan>,
 }
 
+/// The closures of a model.
+#[derive(Clone, Debug)]
+pub struct Loops {
+    /// Names of closures, and of joints that follow others, with the rows of each.
+    pub closures: Vec<(String, usize)>,
+    /// Independent rows at the start of a scene.
+    pub rank: Option<usize>,
+    /// Names of the joints whose motion is given.
+    pub prescribed: Vec<String>,
+}
+
+impl Loops {
+    fn of_model(model: &Model) -> Option<Self> {
+        let closures = model.closures().iter().map(|c| (c.name.clone(), c.kind.rows()));
+        let couplings = model.couplings().iter().map(|c| (c.joint.clone(), 1));
+        let closures: Vec<_> = closures.chain(couplings).collect();
+        (!closures.is_empty()).then_some(Loops { closures, rank: None, prescribed: Vec::new() })
+    }
+    fn of_scene(simulation: &mut Simulation) -> Option<Self> {
+        let (dynamics, start) = (&mut simulation.dynamics, &simulation.start);
+        if !dynamics.is_constrained() {
+            return None;
+        }
+        let rank = dynamics.rank(start.t, &start.q, &start.v).ok();
+        let model = dynamics.model();
+        let active = dynamics.active().into_iter().enumerate().filter(|(_, active)| *active);
+        let prescribed =
+            active.map(|(i, _)| model.joints()[model.joint_of_velocity(i).0].name.clone()).collect();
+        Some(Loops { closures: dynamics.loops(), rank, prescribed })
+    }
+    fn rows(&self) -> usize {
+        self.closures.iter().map(|(_, rows)| rows).sum()
+    }
+}
+
 impl Contents {
-    fn new(model: &Model, plan: Option<Plan>) -> Self {
+    fn new(model: &Model, loops: Option<Loops>, plan: Option<Plan>) -> Self {
         Contents {
             name: model.name().into(),
             bodies: model.len(),
@@ -55,6 +94,7 @@ impl Contents {
             nv: model.nv(),
             joint_names: model.moving_joints().map(|k| model.joints()[k].name.clone()).collect(),
             total_mass: model.total_mass(),
+            loops,
             plan,
         }
     }
@@ -89,9 +129,10 @@ pub fn check_file(path: &Path) -> Checked {
 
 fn check_scene(path: &Path, file: String) -> Checked {
     match scene::load(path, &[]) {
-        Ok(scene) => {
+        Ok(mut scene) => {
             let plan = Plan::new(&scene.simulation);
-            let contents = Some(Contents::new(scene.simulation.model(), Some(plan)));
+            let loops = Loops::of_scene(&mut scene.simulation);
+            let contents = Some(Contents::new(scene.simulation.model(), loops, Some(plan)));
             Checked { file, reports: scene.reports, contents, is_part: false }
         }
         Err(SimulateError::Scene(reports)) => Checked { file, reports, contents: None, is_part: false },
@@ -116,14 +157,7 @@ fn check_urdf(path: &Path, file: String) -> Checked {
         for v in singular_hinges(&model) {
             report.errors.push(Problem::new(None, v.subject.to_string(), v.found, v.required, v.remedy));
         }
-        if let Some(c) = model.refused_closure() {
-            let what = format!(
-                "mimic of joint `{}`: a closure, whose dynamics does not run yet; `mimic = \"free\"` drops it",
-                c.source
-            );
-            report.ignored.push(Note::new(None, format!("joint `{}`", c.joint), what));
-        }
-        Contents::new(&model, None)
+        Contents::new(&model, Loops::of_model(&model), None)
     });
     let contents = if report.errors.is_empty() { contents } else { None };
     Checked { file, reports: vec![report], contents, is_part: false }
@@ -178,8 +212,13 @@ impl Checked {
             })
             .collect();
         let contents = self.contents.as_ref().map(|c| {
+            let loops = c.loops.as_ref().map(|l| {
+                let closures: Vec<Value> =
+                    l.closures.iter().map(|(name, rows)| json!({"name": name, "rows": rows})).collect();
+                json!({"closures": closures, "rows": l.rows(), "rank": l.rank, "prescribed": l.prescribed})
+            });
             json!({"name": c.name, "bodies": c.bodies, "nq": c.nq, "nv": c.nv, "joint_names": c.joint_names,
-                   "total_mass": c.total_mass, "plan": c.plan})
+                   "total_mass": c.total_mass, "loops": loops, "plan": c.plan})
         });
         json!({"file": self.file, "usable": self.is_ok(false), "contents": contents, "reports": reports})
     }
@@ -198,6 +237,17 @@ impl fmt::Display for Checked {
             c.name, c.bodies, c.nv, c.total_mass, unit
         )?;
         writeln!(f, "joints: {}", c.joint_names.join(", "))?;
+        if let Some(loops) = &c.loops {
+            if !loops.closures.is_empty() {
+                let rows = |(name, rows): &(String, usize)| format!("{name} ({rows})");
+                let names: Vec<String> = loops.closures.iter().map(rows).collect();
+                let rank = loops.rank.map_or(String::new(), |r| format!(", {r} independent at the start"));
+                writeln!(f, "closures (rows): {}; {} rows{rank}", names.join(", "), loops.rows())?;
+            }
+            if !loops.prescribed.is_empty() {
+                writeln!(f, "prescribed: {}", loops.prescribed.join(", "))?;
+            }
+        }
         if let Some(plan) = &c.plan {
             writeln!(f, "method: {} ({})", plan.describe(), plan.why)?;
             if let Some(form) = plan.describe_form() {

@@ -23,16 +23,12 @@ pub fn urdf_to_scene(urdf: &Path, scene: &Path) -> Result<Report, SimulateError>
     let mut out = format!("title = {}\n\n[model]\n", text(model.name()));
     let file = relative(urdf, folder).to_string_lossy().replace('\\', "/");
     let _ = writeln!(out, "urdf = {}\nbase = \"fixed\"   # or \"free\"", text(&file));
-    if let Some(c) = model.refused_closure() {
-        let _ = writeln!(
-            out,
-            "mimic = \"free\"   # joint {} follows {}: closures do not run yet",
-            c.joint, c.source
-        );
-    }
     let _ = writeln!(out, "gravity = {:?}", model.gravity());
     let _ =
         writeln!(out, "\n[initial]   # rad, m; joints that are not named start at their neutral position");
+    if !model.couplings().is_empty() {
+        out += "assemble = true   # moves joints that others follow, where the positions do not agree\n";
+    }
     for k in model.moving_joints().filter(|&k| model.joints()[k].kind.nv() == 1) {
         let name = text(&model.joints()[k].name);
         let start = model.joints()[k]

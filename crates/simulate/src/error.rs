@@ -1,6 +1,7 @@
 //! What can go wrong with a scene or a run.
 
 use phipsi_formats::Report;
+use phipsi_motion::MotionError;
 use phipsi_recursion::DynamicsError;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -15,6 +16,8 @@ pub enum SimulateError {
     Start(String),
     /// A recursion failed.
     Dynamics(DynamicsError),
+    /// The equations of motion could not be set up, or the loops not closed.
+    Motion(MotionError),
     /// No step succeeded any more; the last good state is kept.
     Stopped {
         /// Time of the last good state.
@@ -62,6 +65,7 @@ impl fmt::Display for SimulateError {
             }
             SimulateError::Start(message) | SimulateError::Observer(message) => f.write_str(message),
             SimulateError::Dynamics(e) => e.fmt(f),
+            SimulateError::Motion(e) => e.fmt(f),
             SimulateError::Stopped { message, .. } => f.write_str(message),
             SimulateError::File { path, source } => write!(f, "{}: {source}", path.display()),
             SimulateError::Folder { path, message } => write!(f, "{}: {message}", path.display()),
@@ -70,6 +74,15 @@ impl fmt::Display for SimulateError {
 }
 
 impl std::error::Error for SimulateError {}
+
+impl From<MotionError> for SimulateError {
+    fn from(e: MotionError) -> Self {
+        match e {
+            MotionError::Dynamics(e) => SimulateError::Dynamics(e),
+            e => SimulateError::Motion(e),
+        }
+    }
+}
 
 impl From<DynamicsError> for SimulateError {
     fn from(e: DynamicsError) -> Self {

@@ -24,5 +24,5 @@ pub mod stiffness;
 pub use error::SimulateError;
 pub use output::{Output, Quantity};
 pub use record::{LimitPassed, Observer, Recording, Row, StepRecord};
-pub use run::{Progress, RunState, Summary, resume, run};
+pub use run::{ClosureRecord, Progress, RunState, Summary, resume, run};
 pub use simulation::{Choice, Simulation};

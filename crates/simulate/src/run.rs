@@ -7,8 +7,8 @@ use crate::simulation::Simulation;
 use phipsi_model::Model;
 use phipsi_molecule::{Bath, BathState, Trials};
 use phipsi_motion::{
-    Balance, Conserved, Dynamics, ErrorEstimate, JudgedRun, Linearization, Method, MotionError, Scheme,
-    StepError, StepInfo, Stepper, StepperState, System, balance, estimate_error,
+    Balance, Conserved, Dynamics, ErrorEstimate, JudgedRun, Linearization, Method, MotionError, Projected,
+    Scheme, StepError, StepInfo, Stepper, StepperState, System, balance, estimate_error,
 };
 use phipsi_recursion::{DynamicsError, Kinematics};
 use serde::{Deserialize, Serialize};
@@ -16,6 +16,31 @@ use std::time::Instant;
 
 /// Most instants at which a run is compared with its companion.
 const JUDGED_SAMPLES: usize = 256;
+
+/// How well closures were kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ClosureRecord {
+    /// Largest residual of positions at the ends of steps, m or rad.
+    pub position: f64,
+    /// Largest residual of velocities, m/s or rad/s.
+    pub velocity: f64,
+    /// Kinetic energy of all that projections took from the velocities, J.
+    pub energy_removed: f64,
+}
+
+impl ClosureRecord {
+    fn of(p: &Projected) -> Self {
+        let Projected { position, velocity, energy_removed } = *p;
+        ClosureRecord { position, velocity, energy_removed }
+    }
+    /// Takes a further projection into account.
+    fn record(&mut self, p: &Projected) {
+        let larger = |a: f64, b: f64| if b.is_nan() { b } else { a.max(b) };
+        self.position = larger(self.position, p.position);
+        self.velocity = larger(self.velocity, p.velocity);
+        self.energy_removed += p.energy_removed;
+    }
+}
 
 /// Everything that continues a run bit for bit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,6 +52,9 @@ pub struct RunState {
     pub bath: Option<BathState>,
     /// Balances so far.
     pub conserved: Conserved,
+    /// Closures so far.
+    #[serde(default)]
+    pub closures: Option<ClosureRecord>,
     /// Rows recorded so far.
     pub rows: u64,
     /// Steps recorded so far.
@@ -48,6 +76,7 @@ pub struct Progress<'a> {
     stepper: &'a Stepper,
     bath: Option<&'a Bath>,
     conserved: &'a Conserved,
+    closures: Option<ClosureRecord>,
     rows: u64,
     steps: u64,
     wall_s: f64,
@@ -60,6 +89,7 @@ impl Progress<'_> {
             stepper: self.stepper.checkpoint(),
             bath: self.bath.map(Bath::state),
             conserved: self.conserved.clone(),
+            closures: self.closures,
             rows: self.rows,
             steps: self.steps,
             limits: self.limits.to_vec(),
@@ -95,6 +125,8 @@ pub struct Summary {
     pub trials: Option<Trials>,
     /// Relative imbalances of angular and linear momentum; `None` where the base is not free, and where a bath changes them.
     pub momentum_error: Option<[f64; 2]>,
+    /// How well closures were kept; `None` without closures.
+    pub closures: Option<ClosureRecord>,
     /// Largest relative error of outputs with known values.
     pub reference_error: Option<f64>,
     /// Limits that were passed.
@@ -129,6 +161,7 @@ struct Runner<'a> {
     bath: Option<Bath>,
     kinematics: Kinematics<f64>,
     conserved: Conserved,
+    closures: Option<ClosureRecord>,
     rows: u64,
     steps: u64,
     limits: Vec<LimitPassed>,
@@ -146,7 +179,7 @@ impl<'a> Runner<'a> {
         let aux = vec![0.0; simulation.dynamics.auxiliary_len()];
         let model = simulation.dynamics.model();
         let start = &simulation.start;
-        let (method, tolerances) = (simulation.choice.method, simulation.tolerances);
+        let tolerances = simulation.tolerances;
         for (what, found, required) in [("q", start.q.len(), model.nq()), ("v", start.v.len(), model.nv())] {
             if found != required {
                 return Err(SimulateError::Start(format!(
@@ -154,7 +187,10 @@ impl<'a> Runner<'a> {
                 )));
             }
         }
-        let start = start.clone();
+        let settled = simulation.settle_start()?.filter(|_| simulation.dynamics.plan().loops);
+        // What a start that is not exact loses is no loss of the run.
+        let closures = settled.map(|p| ClosureRecord { energy_removed: 0.0, ..ClosureRecord::of(&p) });
+        let (method, start) = (simulation.choice.method, simulation.start.clone());
         let mut stepper = Stepper::new(&mut simulation.dynamics, method, tolerances, &start, &aux)
             .map_err(|e| SimulateError::stopped(&e, simulation.dynamics.model()))?;
         let mut bath = None;
@@ -177,6 +213,7 @@ impl<'a> Runner<'a> {
         let mut runner = Runner {
             kinematics: Kinematics::new(simulation.dynamics.layout()),
             conserved: Conserved::default(),
+            closures,
             rows: 0,
             steps: 0,
             limits: Vec::new(),
@@ -194,6 +231,7 @@ impl<'a> Runner<'a> {
                 _ => return Err(SimulateError::Start("the checkpoint is of another scene".into())),
             }
             runner.conserved = s.conserved;
+            runner.closures = s.closures;
             (runner.rows, runner.steps) = (s.rows, s.steps);
             runner.limits = s.limits;
             runner.spent_s = s.wall_s;
@@ -249,6 +287,9 @@ impl<'a> Runner<'a> {
     /// One accepted step with everything that is looked at after it.
     fn step(&mut self, limit: f64, is_break: bool, observer: &mut dyn Observer) -> Result<(), SimulateError> {
         let info = self.advance(limit, is_break)?;
+        if let (Some(record), Some(projected)) = (&mut self.closures, &info.projected) {
+            record.record(projected);
+        }
         self.record_due(observer)?;
         let balance = self.balance()?;
         let mut imbalance = self.conserved.record(&balance);
@@ -275,7 +316,11 @@ impl<'a> Runner<'a> {
                     let most = ((*t_end - t0) / h).round().max(1.0) as u64;
                     bath.advance(m, dynamics, h, most)
                 };
-                self.stepper.with_midpoint(act).map(|_| StepInfo { t0, t1: self.stepper.t() })
+                self.stepper.with_midpoint(act).map(|_| StepInfo {
+                    t0,
+                    t1: self.stepper.t(),
+                    projected: None,
+                })
             }
         };
         stepped.map_err(|e| SimulateError::stopped(&e, self.simulation.dynamics.model()))
@@ -289,6 +334,7 @@ impl<'a> Runner<'a> {
             stepper: &self.stepper,
             bath: self.bath.as_ref(),
             conserved: &self.conserved,
+            closures: self.closures,
             rows: self.rows,
             steps: self.steps,
             wall_s: self.wall_s(),
@@ -411,6 +457,7 @@ impl<'a> Runner<'a> {
             wall_s: self.wall_s(),
             error_estimate,
             energy_error: self.conserved.energy_error(),
+            closures: self.closures,
             momentum_error: (self.simulation.dynamics.plan().momentum && self.bath.is_none())
                 .then(|| self.conserved.momentum_error()),
             trials: self.bath.as_ref().map(|b| *b.trials()),
@@ -488,6 +535,9 @@ impl System for Watched<'_> {
         out: &mut Linearization,
     ) -> Result<u64, MotionError> {
         self.dynamics.linearize(t, q, v, aux, out)
+    }
+    fn project(&mut self, t: f64, q: &mut [f64], v: &mut [f64]) -> Result<Option<Projected>, MotionError> {
+        self.dynamics.project(t, q, v)
     }
 }
 

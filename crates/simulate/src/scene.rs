@@ -9,7 +9,9 @@
 //! | `[molecule]` | instead of a model: `pdb`, `system` (OpenMM's XML), `rigid` = kinds of bonds, `hinges`, `groups`, `temperature_K`, `seed`, `fixman`, `minimize`, `ignore`; times in ps, `step_fs`; in `[integrator]` `ensemble` with `friction_per_ps`, `relaxation_ps` or `trajectory_steps` |
 //! | `[[body]]` | `name`, `inertial` = { `origin`, `mass`, `inertia` = { `ixx` … } }: the URDF's words; or `flexible` = a beam, see below |
 //! | `[[joint]]` | `name`, `type`, `parent`, `child`, `origin` = { `xyz`, `rpy` }, `axis`, `axis2`, `pitch`, `limit`, `dynamics`, `mimic`, `node` of a flexible parent |
-//! | `[initial]` | `q.JOINT`, `v.JOINT`: a number, or a list for joints with several coordinates; others are neutral |
+//! | `[[closure]]` | `name`, `kind`, `body_a`, `pose_a` = { `xyz`, `rpy` }, `body_b`, `pose_b`, `length` of a distance, `motion` = { `x`, … `rz`, `distance` }: functions of time |
+//! | `[initial]` | `q.JOINT`, `v.JOINT`: a number, or a list for joints with several coordinates; others are neutral; `assemble` = true closes the loops |
+//! | `[[motion]]` | `joint`, `component`, and one of `position`, `velocity`, `acceleration`: a function of time that the joint follows |
 //! | `[[force]]` | `kind` with its parameters, see below; `name` |
 //! | `[integrator]` | `t_end`; `method` = "auto", "dop853", "tsit5", "rodas4", "rodas5p" with `rtol`, `atol`, `max_step`, or "rk4", "midpoint" with `step`; `estimate`; `form` of forward dynamics |
 //! | `[record]` | `every`, s; `checkpoint_s`, wall time between checkpoints (2; 0: after every step) |
@@ -29,20 +31,23 @@
 //! Outputs: `joint` (with `component`, `of` = "q" or "v"), `joints` (a sum, with `factors`), `body` with `point`, `axis` and
 //! `of` = "position" or "velocity", `body_a` … `point_b` (a distance), `energy` = "kinetic", "potential" or "total".
 
+mod closure;
 mod flexible;
 mod force;
 mod mechanism;
 mod molecule;
+mod motion;
 mod output;
 mod settings;
 mod signal;
+mod start;
 mod tree;
 
 use crate::error::SimulateError;
 use crate::simulation::{Choice, Simulation};
 use phipsi_formats::{Note, Problem, Report};
 use phipsi_model::State;
-use phipsi_motion::Scheme;
+use phipsi_motion::{Prescription, Scheme};
 use phipsi_recursion::singular_hinges;
 use std::path::{Path, PathBuf};
 use tree::Table;
@@ -154,11 +159,12 @@ fn read(
     let Some(mut scene) = Table::new(&root, "scene", report) else { return Err(Vec::new()) };
     let title = scene.text("title", report).map(str::to_string);
     let is_molecule = scene.has("molecule");
+    let end = settings::end(&root);
     let mechanism = match is_molecule {
         true => molecule::read(&mut scene, folder, report)?,
-        false => mechanism::read(&mut scene, folder, report)?,
+        false => mechanism::read(&mut scene, folder, end, report)?,
     };
-    let mechanism::Mechanism { model, files, reports, friction_speed, molecule } = mechanism;
+    let mechanism::Mechanism { model, files, reports, friction_speed, moving, molecule } = mechanism;
     for violation in singular_hinges(&model) {
         let place = violation.subject.to_string();
         report.errors.push(Problem::new(None, place, violation.found, violation.required, violation.remedy));
@@ -166,7 +172,8 @@ fn read(
     let neutral = State { q: model.neutral(), v: vec![0.0; model.nv()], t: 0.0 };
     let given = molecule.as_ref().map_or(neutral, |m| m.start.clone());
     let start = settings::initial(&mut scene, &model, given, report);
-    let mut forces = force::read(&mut scene, &model, settings::end(&root), report);
+    let mut forces = force::read(&mut scene, &model, end, report);
+    let joints = motion::read(&mut scene, &model, end, report);
     let breaks: usize = forces.iter().map(|f| f.breaks().len()).sum();
     let settings = settings::integrator(&mut scene, breaks, is_molecule, report);
     let record = settings.as_ref().map(|s| settings::record(&mut scene, s, report));
@@ -190,8 +197,10 @@ fn read(
         "molecule",
         "body",
         "joint",
+        "closure",
         "initial",
         "force",
+        "motion",
         "integrator",
         "record",
         "outputs",
@@ -200,12 +209,14 @@ fn read(
     present.iter().for_each(|key| _ = scene.get(key));
     scene.finish(report);
     let (Some(settings), Some((every, checkpoint_s))) = (settings, record) else { return Err(reports) };
-    let created = Simulation::with_friction_speed(&model, forces, settings.t_end, friction_speed);
+    let prescription = Prescription { joints, closures: moving };
+    let created = Simulation::prescribed(&model, forces, &prescription, settings.t_end, friction_speed);
     let mut simulation = match created {
         Ok(simulation) => simulation,
         Err(e) => {
-            let remedy = "set mimic = \"free\" in [model] to let the joint move freely";
-            report.errors.push(Problem::new(None, "model", e.to_string(), "a tree without closures", remedy));
+            let required = "closures of rigid bodies and couplings of joints with one axis";
+            let remedy = "remove the closure, or set mimic = \"free\" in [model]";
+            report.errors.push(Problem::new(None, "model", e.to_string(), required, remedy));
             return Err(reports);
         }
     };
@@ -220,11 +231,26 @@ fn read(
     );
     report.used.insert(0, Note::new(None, "scene", used));
     simulation.name = title.unwrap_or_else(|| name.into());
-    simulation.start = start;
+    simulation.start = start.state.clone();
     simulation.molecule = molecule;
     simulation.choice = settings.choice;
-    if let Scheme::Midpoint { .. } = simulation.choice.method {
-        simulation.dynamics.leave_out_integrals();
+    let is_constrained = simulation.dynamics.is_constrained();
+    match simulation.choice.method {
+        Scheme::Midpoint { .. } if is_constrained => {
+            let found = "method = \"midpoint\" with closures or prescribed motions";
+            let (required, remedy) = ("an explicit method", "use \"dop853\", \"tsit5\" or \"rk4\"");
+            report.errors.push(Problem::new(None, "integrator", found, required, remedy));
+        }
+        Scheme::Midpoint { .. } => simulation.dynamics.leave_out_integrals(),
+        Scheme::Explicit(_) => {}
+    }
+    if is_constrained && settings.form != Default::default() {
+        let found = format!("form = \"{}\" with closures or prescribed motions", settings.form.name());
+        let required = "their own form, the mixed one";
+        report.errors.push(Problem::new(None, "integrator", found, required, "remove `form`"));
+    }
+    if report.errors.is_empty() && is_constrained {
+        start::settle(&mut simulation, &start, report);
     }
     simulation.tolerances = settings.tolerances;
     simulation.estimate = settings.estimate;

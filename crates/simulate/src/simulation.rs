@@ -1,18 +1,23 @@
 //! A simulation ready to run: mechanism, forces, start, method, and what is recorded.
 
+use crate::error::SimulateError;
 use crate::molecule::Molecule;
 use crate::output::{KnownValue, Output};
 use phipsi_formats::Problem;
 use phipsi_model::{Model, State};
 use phipsi_motion::forces::JointDissipation;
-use phipsi_motion::{Dynamics, Force, Method, Scheme, System, Tolerances};
-use phipsi_recursion::DynamicsError;
+use phipsi_motion::{
+    Dynamics, Force, Method, MotionError, Prescription, Projected, Scheme, System, Tolerances,
+};
 
 /// Tolerance where nothing else is said.
 pub const DEFAULT_TOLERANCE: f64 = 1e-9;
 
 /// Loosest tolerance at which the method of order 8 is cheaper than that of order 5 (notes on integrators, section 5).
 const LOOSE: f64 = 1e-4;
+
+/// How far closures may be open in given starts: numbers are often given with eight digits or so.
+pub(crate) const LARGEST_OPENING: f64 = 1e-6;
 
 /// Breaks per second above which steps are too short for a method of high order.
 const MANY_BREAKS: usize = 100;
@@ -113,23 +118,24 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// From a model at its neutral state under `forces`, its joints' damping and friction included.
+    /// From a model at its neutral state under `forces`, its joints' damping and friction included. Loops are followed.
     ///
     /// # Errors
-    /// [`DynamicsError::Closure`] if the model has closures.
-    pub fn new(model: &Model, forces: Vec<Box<dyn Force>>, t_end: f64) -> Result<Self, DynamicsError> {
-        Self::with_friction_speed(model, forces, t_end, JointDissipation::SPEED)
+    /// [`MotionError`]: a coupling that cannot be, loops of flexible bodies.
+    pub fn new(model: &Model, forces: Vec<Box<dyn Force>>, t_end: f64) -> Result<Self, MotionError> {
+        Self::prescribed(model, forces, &Prescription::default(), t_end, JointDissipation::SPEED)
     }
-    /// The same with dry friction regularised at a given speed, rad/s or m/s.
+    /// The same where motions are given as functions of time, and with dry friction regularised at a given speed, rad/s or m/s.
     ///
     /// # Errors
-    /// As [`Simulation::new`].
-    pub fn with_friction_speed(
+    /// As [`Simulation::new`]; [`MotionError::Prescription`].
+    pub fn prescribed(
         model: &Model,
         mut forces: Vec<Box<dyn Force>>,
+        prescription: &Prescription,
         t_end: f64,
         speed: f64,
-    ) -> Result<Self, DynamicsError> {
+    ) -> Result<Self, MotionError> {
         let mut approximated = Vec::new();
         if let Some(force) = JointDissipation::new(model, speed) {
             if force.has_friction() {
@@ -140,7 +146,7 @@ impl Simulation {
             }
             forces.push(Box::new(force));
         }
-        let dynamics = Dynamics::new(model, forces)?;
+        let dynamics = Dynamics::prescribed(model, forces, prescription)?;
         let tolerances = Tolerances::new(DEFAULT_TOLERANCE);
         let breaks = dynamics.breaks().len();
         Ok(Simulation {
@@ -194,6 +200,9 @@ impl Simulation {
         if let Scheme::Midpoint { .. } = self.choice.method {
             return None;
         }
+        if self.dynamics.is_constrained() {
+            return Some(("mixed", "the form of closed loops and prescribed motions".into()));
+        }
         let why = self.dynamics.form_choice().map_or("asked for".into(), |choice| choice.why());
         Some((self.dynamics.form().name(), why))
     }
@@ -206,6 +215,23 @@ impl Simulation {
         let required = format!("an error up to {:.0e}", choice.limit);
         let remedy = "expect as few digits, or bring masses and lengths closer together";
         Some(Problem::new(None, "model", found, required, remedy))
+    }
+    /// Puts the start onto the closures and prescribed motions.
+    ///
+    /// # Errors
+    /// [`SimulateError::Start`] if the closures are open by more than rounding of the given numbers explains.
+    pub fn settle_start(&mut self) -> Result<Option<Projected>, SimulateError> {
+        let State { q, v, t } = &mut self.start;
+        self.dynamics.follow(*t, q, v);
+        if let Some([open, _]) = self.dynamics.closure_residual(*t, q, v)?
+            && (open.is_nan() || open > LARGEST_OPENING)
+        {
+            return Err(SimulateError::Start(format!(
+                "the closures are open by {open:e} m or rad at the start, but at most {LARGEST_OPENING:e} is required; \
+                 set `assemble = true` in [initial] (in Python: q, _ = m.assemble(q)), or correct the positions"
+            )));
+        }
+        Ok(self.dynamics.project(*t, q, v)?)
     }
     /// What the plan leaves out, for people.
     pub fn left_out(&self) -> Vec<String> {

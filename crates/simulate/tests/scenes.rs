@@ -200,7 +200,7 @@ fn friction_is_reported_as_approximated_with_its_speed() {
 }
 
 #[test]
-fn mimic_is_refused_unless_it_is_free() {
+fn mimic_couples_joints_unless_it_is_free() {
     let second = r#"
 [[body]]
 name = "tip"
@@ -214,7 +214,13 @@ axis = [0, 1, 0]
 mimic = { joint = "hinge" }
 "#;
     let text = format!("{PENDULUM}{second}");
-    assert!(errors(&text).iter().any(|e| e.remedy.contains("mimic = \"free\"")));
+    // The start names 0.3 rad of the hinge, which the other joint does not have.
+    assert!(errors(&text)[0].remedy.contains("assemble = true"));
+    let mut coupled = scene(&text.replace("q.hinge = 0.3", "q.hinge = 0.3\nassemble = true")).unwrap();
+    let mut recording = Recording::default();
+    let summary = run(&mut coupled.simulation, &mut recording).unwrap();
+    assert!(recording.rows.iter().all(|r| (r.q[0] - r.q[1]).abs() < 1e-14));
+    assert!(summary.energy_error < 1e-9 && summary.q[0] != 0.3, "{summary:?}");
     let free = text.replace("title = \"pendulum\"", "title = \"pendulum\"\n[model]\nmimic = \"free\"");
     let scene = scene(&free).unwrap();
     assert!(scene.reports[0].approximated.iter().any(|n| n.what.contains("mimic")));

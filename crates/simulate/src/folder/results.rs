@@ -137,8 +137,11 @@ pub struct Results {
     /// Refused trajectories or drifts of a bath.
     #[serde(default)]
     pub refused: Option<u64>,
-    /// Residuals of closures.
-    pub closure_residual: Option<Value>,
+    /// Largest residuals of closures.
+    pub closure_residual: Option<ClosureResidual>,
+    /// Kinetic energy that projections onto the closures took, J.
+    #[serde(default)]
+    pub energy_removed: Option<f64>,
     /// Largest relative error of outputs with known values.
     pub reference_error: Option<f64>,
 }
@@ -180,6 +183,15 @@ pub struct EnergyDrift {
     pub noise: f64,
     /// Degrees of freedom.
     pub degrees_of_freedom: usize,
+}
+
+/// Largest residuals of closures at the ends of steps.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct ClosureResidual {
+    /// Of positions, m or rad.
+    pub position: f64,
+    /// Of velocities, m/s or rad/s.
+    pub velocity: f64,
 }
 
 /// Relative imbalances of momentum.
@@ -333,7 +345,10 @@ impl Results {
             distribution: simulation.molecule.as_ref().map(|m| m.distribution.word().into()),
             acceptance: summary.trials.and_then(|t| t.acceptance()),
             refused: summary.trials.map(|t| t.refused),
-            closure_residual: None,
+            closure_residual: summary
+                .closures
+                .map(|c| ClosureResidual { position: c.position, velocity: c.velocity }),
+            energy_removed: summary.closures.map(|c| c.energy_removed),
             reference_error: summary.reference_error,
         }
     }

@@ -48,6 +48,14 @@ fn of_results(file: &RunFile, results: &Results) -> Vec<(&'static str, Vec<Strin
     if let Some(m) = &results.momentum_error {
         rows.push(("momentum error", vec![format!("angular {:.1e}, linear {:.1e}", m.angular, m.linear)]));
     }
+    if let Some(c) = &results.closure_residual {
+        let taken = results.energy_removed.unwrap_or_default();
+        let line = format!(
+            "{:.1e} in position, {:.1e} in velocity; projections took {taken:.1e} J",
+            c.position, c.velocity
+        );
+        rows.push(("closure residual", vec![line]));
+    }
     if let Some(kelvin) = results.temperature_K {
         rows.push(("temperature", vec![format!("{kelvin:.0} K on average")]));
     }

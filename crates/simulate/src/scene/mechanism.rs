@@ -1,6 +1,7 @@
 //! The mechanism of a scene: a URDF file, bodies and joints written in the scene, or both.
 
 use super::SceneFile;
+use super::closure;
 use super::flexible::read_flexible;
 use super::molecule::MoleculeScene;
 use super::tree::{Table, Value, suggestion};
@@ -10,6 +11,7 @@ use phipsi_model::{
     Base, Body, Coupling, Inertia, Joint, JointKind, Limits, Model, ModelBuilder, Placement, Severity,
     Subject,
 };
+use phipsi_motion::MovingClosure;
 use phipsi_motion::forces::JointDissipation;
 use std::collections::HashMap;
 use std::path::Path;
@@ -23,6 +25,8 @@ pub(crate) struct Mechanism {
     pub(crate) reports: Vec<Report>,
     /// Speed at which dry friction is regularised.
     pub(crate) friction_speed: f64,
+    /// Rows of closures that move.
+    pub(crate) moving: Vec<MovingClosure>,
     /// What a molecule has besides.
     pub(crate) molecule: Option<MoleculeScene>,
 }
@@ -31,6 +35,7 @@ pub(crate) struct Mechanism {
 pub(crate) fn read(
     scene: &mut Table<'_>,
     folder: &Path,
+    t_end: f64,
     report: &mut Report,
 ) -> Result<Mechanism, Vec<Report>> {
     let mut reports = Vec::new();
@@ -97,8 +102,18 @@ pub(crate) fn read(
         }
         table.finish(report);
     }
+    let closures = closure::read(scene, t_end, report);
+    // URDF has couplings, but no closures.
+    let moving = closure::moving(&closures, 0);
+    for read in &closures {
+        lines.insert(format!("closure `{}`", read.closure.name), read.line);
+        builder = builder.closure(read.closure.clone());
+    }
     // The reader of a URDF file has checked it; only what was added here can be new.
-    if has_bodies && report.errors.is_empty() && reports.iter().all(|r: &Report| r.errors.is_empty()) {
+    if (has_bodies || !closures.is_empty())
+        && report.errors.is_empty()
+        && reports.iter().all(|r: &Report| r.errors.is_empty())
+    {
         for violation in builder.check() {
             let place = violation.subject.to_string();
             let line = match violation.subject {
@@ -116,7 +131,7 @@ pub(crate) fn read(
         return Err(reports);
     }
     match builder.build() {
-        Ok(model) => Ok(Mechanism { model, files, reports, friction_speed, molecule: None }),
+        Ok(model) => Ok(Mechanism { model, files, reports, friction_speed, moving, molecule: None }),
         Err(errors) => {
             report.errors.extend(
                 errors

@@ -127,7 +127,14 @@ pub(crate) fn read(
     let mut molecule = Molecule::new(torsion, seed);
     (molecule.temperature, molecule.distribution) = (temperature, Distribution::with_fixman(fixman));
     let molecule = Some(MoleculeScene { molecule, forces: own, start });
-    Ok(Mechanism { model, files, reports, friction_speed: JointDissipation::SPEED, molecule })
+    Ok(Mechanism {
+        model,
+        files,
+        reports,
+        friction_speed: JointDissipation::SPEED,
+        moving: Vec::new(),
+        molecule,
+    })
 }
 
 /// A strained start is told, and minimisation made where it was asked for; false where there is no start.

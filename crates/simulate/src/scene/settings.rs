@@ -23,15 +23,29 @@ pub(crate) struct IntegratorSettings {
     pub(crate) ensemble: Ensemble,
 }
 
+/// What `[initial]` says.
+pub(crate) struct Start {
+    pub(crate) state: State,
+    /// Degrees of freedom of the joints whose position and velocity it names.
+    pub(crate) named: [Vec<bool>; 2],
+    /// Whether the loops are to be closed from there.
+    pub(crate) assemble: bool,
+}
+
 /// Start: a given state with the joints that `[initial]` names.
-pub(crate) fn initial(scene: &mut Table<'_>, model: &Model, given: State, report: &mut Report) -> State {
+pub(crate) fn initial(scene: &mut Table<'_>, model: &Model, given: State, report: &mut Report) -> Start {
     let mut state = given;
-    let Some(mut table) = scene.table("initial", report) else { return state };
+    let mut named = [vec![false; model.nv()], vec![false; model.nv()]];
+    let Some(mut table) = scene.table("initial", report) else {
+        return Start { state, named, assemble: false };
+    };
+    let assemble = table.flag("assemble", report).unwrap_or(false);
     if let Some(q) = table.table("q", report) {
         for entry in q.rest() {
             let at = |k: usize| (model.q_range(k), "position coordinates");
             if let Some((k, values)) = joint_values("initial.q", entry, model, at, report) {
                 state.q[model.q_range(k)].copy_from_slice(&values);
+                named[0][model.v_range(k)].fill(true);
                 check_quaternion(entry, model, k, &values, report);
             }
         }
@@ -41,12 +55,13 @@ pub(crate) fn initial(scene: &mut Table<'_>, model: &Model, given: State, report
             let at = |k: usize| (model.v_range(k), "degrees of freedom");
             if let Some((k, values)) = joint_values("initial.v", entry, model, at, report) {
                 state.v[model.v_range(k)].copy_from_slice(&values);
+                named[1][model.v_range(k)].fill(true);
             }
         }
     }
     table.finish(report);
     model.normalize(&mut state.q);
-    state
+    Start { state, named, assemble }
 }
 
 fn joint_values(

@@ -3,7 +3,7 @@
 use super::tree::{Node, Table, Value, finite, number_list, shorten};
 use phipsi_formats::Report;
 use phipsi_formats::expression::Expression;
-use phipsi_motion::Signal;
+use phipsi_motion::{Course, Signal};
 use std::f64::consts::PI;
 
 const REQUIRED: &str = "a number, an expression in t in quotes, or a table [[time, value], …]";
@@ -72,6 +72,87 @@ fn from_node(table: &Table<'_>, key: &str, node: &Node, t_end: f64, report: &mut
             None => wrong(format!("{key} = {}", other.describe()), REQUIRED, format!("correct `{key}`")),
         },
     }
+}
+
+/// The course of a coordinate under a key: a function of time whose rate is continuous, or a number at which it is locked.
+pub(crate) fn position(
+    table: &mut Table<'_>,
+    key: &'static str,
+    t_end: f64,
+    report: &mut Report,
+) -> Option<Course> {
+    let node = table.get(key)?;
+    course_from_node(table, key, node, t_end, report)
+}
+
+/// The same of a value.
+pub(crate) fn course_from_node(
+    table: &Table<'_>,
+    key: &str,
+    node: &Node,
+    t_end: f64,
+    report: &mut Report,
+) -> Option<Course> {
+    const REQUIRED: &str = "a number, or an expression in t with a continuous rate";
+    if let Value::List(_) = node.value {
+        let remedy = "give the velocity as a table, or the position as an expression";
+        table.error(Some(node), report, format!("{key} is a table, whose rate jumps"), REQUIRED, remedy);
+        return None;
+    }
+    let position = from_node(table, key, node, t_end, report)?;
+    let Value::Text(text) = &node.value else {
+        return Some(Course::Position { position, velocity: Signal::Constant(0.0) });
+    };
+    // The text has been read once without an error.
+    let value = Expression::parse(text, &["t"], &[("pi", PI)]).ok()?;
+    let (rate, breaks) = (value.derivative("t"), position.breaks());
+    let second = rate.derivative("t");
+    let velocity =
+        Signal::function(move |t| rate.value(&[t]), move |t| second.value(&[t])).with_breaks(breaks);
+    for (signal, what) in [(&position, "jumps"), (&velocity, "has a rate that jumps")] {
+        if let Some(t) = jump(signal) {
+            let remedy = "round the corner, for example with 3*s^2 - 2*s^3";
+            table.error(Some(node), report, format!("{key} {what} at t = {t}"), REQUIRED, remedy);
+            return None;
+        }
+    }
+    Some(Course::Position { position, velocity })
+}
+
+/// The velocity of a coordinate under a key: continuous.
+pub(crate) fn velocity(
+    table: &mut Table<'_>,
+    key: &'static str,
+    t_end: f64,
+    report: &mut Report,
+) -> Option<Course> {
+    let node = table.get(key)?;
+    let signal = from_node(table, key, node, t_end, report)?;
+    if let Some(t) = jump(&signal) {
+        let (found, remedy) = (format!("{key} jumps at t = {t}"), "join the values by a short ramp");
+        table.error(Some(node), report, found, "a continuous function of time", remedy);
+        return None;
+    }
+    Some(Course::Velocity(signal))
+}
+
+/// The acceleration of a coordinate under a key; it may jump.
+pub(crate) fn acceleration(
+    table: &mut Table<'_>,
+    key: &'static str,
+    t_end: f64,
+    report: &mut Report,
+) -> Option<Course> {
+    let node = table.get(key)?;
+    Some(Course::Acceleration(from_node(table, key, node, t_end, report)?))
+}
+
+/// The first time at which a function jumps by more than rounding.
+fn jump(signal: &Signal) -> Option<f64> {
+    signal.breaks().into_iter().find(|&t| {
+        let (before, after) = (signal.value(t.next_down()), signal.value(t));
+        !((after - before).abs() <= 1e-9 * (1.0 + before.abs().max(after.abs())))
+    })
 }
 
 /// Intervals in which changes of sign are looked for.

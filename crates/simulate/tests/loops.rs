@@ -1,0 +1,284 @@
+//! Scenes with closed loops and prescribed motions: published benchmarks, residuals over long runs, balances, resume.
+
+use phipsi_simulate::scene::{self, Scene};
+use phipsi_simulate::{
+    Observer, Progress, Recording, Row, RunState, SimulateError, StepRecord, Summary, resume, run,
+};
+use std::path::{Path, PathBuf};
+
+fn examples() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/benchmarks")
+}
+
+fn parse(text: &str) -> Result<Scene, SimulateError> {
+    scene::parse(text.into(), "test", "test.toml", Path::new(""), &[])
+}
+
+/// Runs an example without its error estimate; prints what it came to.
+fn benchmark(name: &str, overrides: &[&str]) -> Summary {
+    let mut given: Vec<String> = overrides.iter().map(|s| s.to_string()).collect();
+    given.push("integrator.estimate=false".into());
+    let mut scene = scene::load(&examples().join(format!("{name}.toml")), &given).unwrap();
+    let summary = run(&mut scene.simulation, &mut Recording::default()).unwrap();
+    let closures = summary.closures.unwrap();
+    println!(
+        "{name} {overrides:?}: reference {:.1e}, energy {:.1e}, closures {:.1e} {:.1e}, removed {:.1e} J, {} steps, \
+         {} rejected, {} evaluations, {:.2} s",
+        summary.reference_error.unwrap(),
+        summary.energy_error,
+        closures.position,
+        closures.velocity,
+        closures.energy_removed,
+        summary.steps,
+        summary.rejected,
+        summary.evaluations,
+        summary.wall_s
+    );
+    for (output, known) in &scene.simulation.known.iter().map(|k| (&k.output, k.value)).collect::<Vec<_>>() {
+        let found = summary.outputs.iter().find(|(n, _)| n == *output).unwrap().1;
+        println!("    {output}: {found:.15e}, off by {:.1e}", found - known);
+    }
+    summary
+}
+
+#[test]
+fn andrews_squeezing_mechanism() {
+    let summary = benchmark("andrews", &[]);
+    assert!(summary.reference_error.unwrap() <= 1e-12);
+}
+
+#[test]
+fn four_bars_in_a_row_through_the_singular_pose() {
+    let summary = benchmark("n_four_bar", &[]);
+    // th = 31.75: its relative error is a 32nd of the position's.
+    assert!(summary.reference_error.unwrap() * 32.0 <= 1e-8);
+}
+
+#[test]
+fn bricards_mechanism() {
+    let summary = benchmark("bricard", &[]);
+    let q1 = summary.outputs.iter().find(|(name, _)| name == "q1").unwrap().1;
+    assert!((q1 - 2.6904888332464651167e-4).abs() <= 1e-9, "{q1}");
+}
+
+#[test]
+fn spatial_slider_cranks() {
+    for name in ["spatial_slider_crank", "spatial_slider_crank_thick"] {
+        let summary = benchmark(name, &[]);
+        assert!(summary.reference_error.unwrap() <= 1e-9, "{name}");
+    }
+}
+
+#[test]
+fn car_axis() {
+    let summary = benchmark("car_axis", &[]);
+    assert!(summary.reference_error.unwrap() <= 1e-9);
+    // The road does work on the axis, and all of it is counted.
+    assert!(summary.energy_error < 1e-9);
+}
+
+/// A crank that turns round, a coupler and a rocker, rods along x of their frames in the x-z plane, closed by a hinge of which
+/// three rows are redundant; `more` goes at the end, `initial` into its table.
+fn four_bar(initial: &str, integrator: &str, more: &str) -> String {
+    let mut text = "[model]\ngravity = [0, 0, -9.81]\n".to_string();
+    for (name, joint, parent, length, at) in [
+        ("crank", "a", "world", 0.3, 0.0),
+        ("coupler", "b", "crank", 0.7, 0.3),
+        ("rocker", "c", "world", 0.6, 0.8),
+    ] {
+        let (mass, moment) = (2.0 * length, length * length * length / 6.0);
+        text += &format!(
+            "[[body]]\nname = \"{name}\"\ninertial = {{ mass = {mass}, origin = {{ xyz = [{}, 0, 0] }}, inertia = \
+             {{ iyy = {moment}, izz = {moment} }} }}\n[[joint]]\nname = \"{joint}\"\ntype = \"continuous\"\nparent = \
+             \"{parent}\"\nchild = \"{name}\"\naxis = [0, -1, 0]\norigin = {{ xyz = [{at}, 0, 0] }}\n",
+            0.5 * length
+        );
+    }
+    let turned = "rpy = [1.5707963267948966, 0, 0]";
+    text += &format!(
+        "[[closure]]\nname = \"pin\"\nkind = \"revolute\"\nbody_a = \"coupler\"\npose_a = {{ xyz = [0.7, 0, 0], {turned} }}\n\
+         body_b = \"rocker\"\npose_b = {{ xyz = [0.6, 0, 0], {turned} }}\n"
+    );
+    text + &format!("[initial]\nq.c = 1.8\n{initial}\nassemble = true\n[integrator]\n{integrator}\n{more}\n")
+}
+
+fn run_text(text: &str) -> (Summary, Recording) {
+    let mut scene = parse(text).unwrap_or_else(|e| panic!("{e}"));
+    let mut recording = Recording::default();
+    let summary = run(&mut scene.simulation, &mut recording).unwrap();
+    (summary, recording)
+}
+
+/// No drift off the closures, and none in energy beyond the integrator's.
+#[test]
+fn a_long_run_of_a_four_bar_stays_closed() {
+    let span = |steps: u32, step: f64| {
+        let integrator =
+            format!("method = \"rk4\"\nstep = {step}\nt_end = {}\nestimate = false", f64::from(steps) * step);
+        run_text(&four_bar("v.a = 8", &integrator, "[record]\nevery = 1")).0
+    };
+    let summary = span(100_000, 1e-3);
+    let closures = summary.closures.unwrap();
+    println!("{closures:?}, energy {:.1e}, {:.1} s", summary.energy_error, summary.wall_s);
+    assert_eq!(summary.steps, 100_000);
+    assert!(closures.position <= 1e-12 && closures.velocity <= 1e-12, "{closures:?}");
+    // Order 4 where the rest is rounding: steps of twice the size over a tenth of the time drift by more than a tenth.
+    let coarse = span(5_000, 2e-3);
+    assert!(
+        summary.energy_error <= 10.0 * coarse.energy_error / 8.0,
+        "{} {}",
+        summary.energy_error,
+        coarse.energy_error
+    );
+}
+
+/// The crank follows a function of time: exactly, and its actuator's work is all of the energy's change.
+#[test]
+fn prescribed_joints_follow_and_their_work_is_counted() {
+    for (motion, position) in [
+        ("position = \"0.5*sin(3*t)\"", Some(0.5 * (3.0f64 * 2.0).sin())),
+        ("velocity = [[0, 0], [0.5, 4], [1.5, 4], [2, 0]]", Some(6.0)),
+        ("acceleration = [[0, 1], [1, 1], [1.5, 0]]", None),
+    ] {
+        for scene in ["four-bar", "open"] {
+            let motion = format!(
+                "[[motion]]\njoint = \"a\"\n{motion}\n[[force]]\nkind = \"damper\"\njoint = \"b\"\ndamping = 0.1\n"
+            );
+            let mut text = four_bar("", "t_end = 2\nrtol = 1e-11", &motion);
+            if scene == "open" {
+                text = text
+                    .replace("kind = \"revolute\"", "kind = \"point_on_plane\"")
+                    .replace("assemble = true", "");
+                text = text.replace("q.c = 1.8", "");
+            }
+            let (summary, recording) = run_text(&text);
+            assert!(summary.energy_error < 1e-9, "{scene}, {motion}: {:e}", summary.energy_error);
+            let moved = recording.rows.iter().map(|r| r.energy[2].abs()).fold(0.0, f64::max);
+            assert!(moved > 0.1, "{moved}");
+            if let Some(position) = position {
+                assert!((summary.q[0] - position).abs() < 1e-9, "{scene}: {} {position}", summary.q[0]);
+            }
+        }
+    }
+}
+
+/// A locked crank stands still, and so does the whole mechanism.
+#[test]
+fn a_locked_joint_holds_the_mechanism() {
+    let (summary, recording) =
+        run_text(&four_bar("", "t_end = 1", "[[motion]]\njoint = \"a\"\nposition = 0.4"));
+    assert_eq!((summary.q[0], summary.v[0]), (0.4, 0.0));
+    let first = &recording.rows[0].q;
+    for row in &recording.rows {
+        assert!(row.q.iter().zip(first).all(|(a, b)| (a - b).abs() < 1e-13), "{:?} {first:?}", row.q);
+    }
+    assert_eq!(summary.energy_error.max(1e-15), 1e-15);
+}
+
+/// A pendulum whose pivot is shaken by a moving closure is one on a prescribed slider.
+#[test]
+fn moving_closures_do_what_prescribed_joints_do() {
+    let text = |slider: &str, closed: &str| {
+        format!(
+            "[[body]]\nname = \"cart\"\ninertial = {{ mass = 2, inertia = {{ ixx = 1, iyy = 1, izz = 1 }} }}\n\
+             [[joint]]\nname = \"slide\"\ntype = \"prismatic\"\nparent = \"world\"\nchild = \"cart\"\naxis = [1, 0, 0]\n\
+             [[body]]\nname = \"rod\"\ninertial = {{ mass = 1, origin = {{ xyz = [0.5, 0, 0] }}, inertia = {{ iyy = 0.1, izz = 0.1 }} }}\n\
+             [[joint]]\nname = \"hinge\"\ntype = \"continuous\"\nparent = \"cart\"\nchild = \"rod\"\naxis = [0, 1, 0]\n\
+             {closed}\n{slider}\n[initial]\nassemble = true\n[integrator]\nt_end = 3\nrtol = 1e-11\n"
+        )
+    };
+    let function = "\"0.2*sin(5*t)\"";
+    let prescribed = text(&format!("[[motion]]\njoint = \"slide\"\nposition = {function}"), "");
+    let moving = text(
+        "",
+        &format!(
+            "[[closure]]\nname = \"shaker\"\nkind = \"weld\"\nbody_a = \"world\"\nbody_b = \"cart\"\nmotion = {{ x = {function} }}"
+        ),
+    );
+    let ((one, _), (other, rows)) = (run_text(&prescribed), run_text(&moving));
+    for (a, b) in one.q.iter().chain(&one.v).zip(other.q.iter().chain(&other.v)) {
+        assert!((a - b).abs() < 1e-8, "{:?} {:?}", one.q, other.q);
+    }
+    assert!(
+        one.energy_error < 1e-9 && other.energy_error < 1e-9,
+        "{} {}",
+        one.energy_error,
+        other.energy_error
+    );
+    assert!(rows.rows.iter().any(|r| r.energy[2].abs() > 0.1));
+}
+
+/// Stops after a number of steps with everything that continues the run.
+struct Stopper {
+    recording: Recording,
+    after: usize,
+    state: Option<RunState>,
+}
+
+impl Observer for Stopper {
+    fn row(&mut self, row: &Row) -> Result<(), SimulateError> {
+        self.recording.row(row)
+    }
+    fn step(&mut self, step: &StepRecord, progress: &Progress<'_>) -> Result<(), SimulateError> {
+        self.recording.step(step, progress)?;
+        self.state = Some(progress.state());
+        Ok(())
+    }
+    fn stop(&self) -> bool {
+        self.recording.steps.len() == self.after
+    }
+    fn step_ends(&mut self) -> Result<Vec<f64>, SimulateError> {
+        self.recording.step_ends()
+    }
+    fn spread_rows(&mut self, most: usize) -> Result<Vec<phipsi_model::State>, SimulateError> {
+        self.recording.spread_rows(most)
+    }
+}
+
+#[test]
+fn a_resumed_run_has_the_same_bits() {
+    let more = "[[force]]\nkind = \"damper\"\njoint = \"b\"\ndamping = 0.1\n";
+    let text = four_bar("v.a = 8", "t_end = 1\nestimate = false", more);
+    let (whole, recording) = run_text(&text);
+    let mut stopper = Stopper { recording: Recording::default(), after: 7, state: None };
+    run(&mut parse(&text).unwrap().simulation, &mut stopper).unwrap();
+    let written = serde_json::to_string(&stopper.state.take().unwrap()).unwrap();
+    let state: RunState = serde_json::from_str(&written).unwrap();
+    stopper.after = usize::MAX;
+    let rest = resume(&mut parse(&text).unwrap().simulation, state, &mut stopper).unwrap();
+    assert_eq!((&rest.q, &rest.v, rest.energy_error), (&whole.q, &whole.v, whole.energy_error));
+    assert_eq!((rest.closures, rest.evaluations), (whole.closures, whole.evaluations));
+    assert_eq!(stopper.recording.rows, recording.rows);
+}
+
+#[test]
+fn starts_and_motions_that_do_not_fit_are_refused() {
+    let errors = |text: &str| match parse(text) {
+        Ok(_) => panic!("accepted: {text}"),
+        Err(e) => e.to_string(),
+    };
+    let with = |more: &str| errors(&four_bar("", "t_end = 1", more));
+    let open = four_bar("", "t_end = 1", "").replace("assemble = true", "");
+    assert!(errors(&open).contains("assemble = true"), "{}", errors(&open));
+    assert!(errors(&four_bar("", "t_end = 1\nmethod = \"midpoint\"\nstep = 0.01", "")).contains("dop853"));
+    assert!(errors(&four_bar("", "t_end = 1\nform = \"refined\"", "")).contains("mixed"));
+    assert!(with("[[motion]]\njoint = \"aa\"\nposition = 0").contains("moving joint"));
+    assert!(with("[[motion]]\njoint = \"a\"").contains("no function of time"));
+    assert!(with("[[motion]]\njoint = \"a\"\nposition = 0\nvelocity = 0").contains("position and velocity"));
+    assert!(with("[[motion]]\njoint = \"a\"\nposition = [[0, 0], [1, 1]]").contains("rate jumps"));
+    assert!(
+        with("[[motion]]\njoint = \"a\"\nposition = \"abs(t - 0.5)\"").contains("rate that jumps at t = 0.5")
+    );
+    assert!(with("[[motion]]\njoint = \"c\"\nposition = 0.4").contains("q.c"));
+    assert!(
+        with("[[motion]]\njoint = \"a\"\nposition = 0\n[[motion]]\njoint = \"a\"\nvelocity = 0")
+            .contains("second motion")
+    );
+    let closed = four_bar("", "t_end = 1", "");
+    assert!(errors(&closed.replace("kind = \"revolute\"", "kind = \"hinge\"")).contains("revolute"));
+    assert!(errors(&closed.replace("body_b = \"rocker\"", "body_b = \"roker\"")).contains("roker"));
+    let moved = closed.replace("body_b =", "motion = { rz = \"t\" }\nbody_b =");
+    assert!(errors(&moved).contains("motion along `rz`"), "{}", errors(&moved));
+    let far = closed.replace("xyz = [0.8, 0, 0]", "xyz = [3, 0, 0]");
+    assert!(errors(&far).contains("cannot be closed"), "{}", errors(&far));
+}
