@@ -61,6 +61,9 @@ pub enum ExtrapolationError<E> {
     },
 }
 
+/// A derivative: f(t, y, ẏ).
+pub type Rate<'a, T, E> = dyn FnMut(f64, &[T], &mut [T]) -> Result<(), E> + 'a;
+
 /// The method with its state.
 #[derive(Clone, Debug)]
 pub struct Extrapolation<T> {
@@ -114,7 +117,7 @@ impl<T: Real> Extrapolation<T> {
         &mut self,
         limit: f64,
         latest: f64,
-        f: &mut dyn FnMut(f64, &[T], &mut [T]) -> Result<(), E>,
+        f: &mut Rate<'_, T, E>,
         settle: &dyn Fn(&mut [T]),
     ) -> Result<(), ExtrapolationError<E>> {
         let t = self.t;
@@ -165,12 +168,7 @@ impl<T: Real> Extrapolation<T> {
     }
 
     /// All columns of a step to the time `end`; the result is the table's last vector. Returns the error over the tolerance.
-    fn attempt<E>(
-        &mut self,
-        end: f64,
-        latest: f64,
-        f: &mut dyn FnMut(f64, &[T], &mut [T]) -> Result<(), E>,
-    ) -> Result<f64, E> {
+    fn attempt<E>(&mut self, end: f64, latest: f64, f: &mut Rate<'_, T, E>) -> Result<f64, E> {
         let mut error = f64::INFINITY;
         for j in 0..COLUMNS {
             self.midpoint(2 * (j + 1), end, latest, f)?;
@@ -198,13 +196,7 @@ impl<T: Real> Extrapolation<T> {
     }
 
     /// The modified midpoint rule with n substeps from y; the result is `z[1]`.
-    fn midpoint<E>(
-        &mut self,
-        n: usize,
-        end: f64,
-        latest: f64,
-        f: &mut dyn FnMut(f64, &[T], &mut [T]) -> Result<(), E>,
-    ) -> Result<(), E> {
+    fn midpoint<E>(&mut self, n: usize, end: f64, latest: f64, f: &mut Rate<'_, T, E>) -> Result<(), E> {
         // The exact difference of two f64 times: a rounded one would be an error of the step in double-double numbers.
         let part = (T::splat(end) - T::splat(self.t)) / T::splat(n as f64);
         let [before, now, next] = &mut self.z;

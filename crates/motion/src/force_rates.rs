@@ -95,7 +95,7 @@ impl PointRates {
                 // Its two hinges are joints of their own: the second one's axis does not turn the first.
                 if universal {
                     omega += sigma.scale(at.v[j]);
-                    relative = relative - s.scale(at.v[j]);
+                    relative -= s.scale(at.v[j]);
                 }
             }
             k = before;

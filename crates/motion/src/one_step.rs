@@ -10,8 +10,8 @@ use crate::tableau::{DOP853, RK4, TSIT5};
 /// A step of a method with its scratch.
 #[derive(Clone, Debug)]
 pub(crate) enum OneStep {
-    Explicit(ExplicitStep),
-    Rosenbrock(RosenbrockStep),
+    Explicit(Box<ExplicitStep>),
+    Rosenbrock(Box<RosenbrockStep>),
 }
 
 /// The same call of either.
@@ -26,8 +26,9 @@ macro_rules! either {
 
 impl OneStep {
     pub(crate) fn new(method: Method, nq: usize, nv: usize, auxiliary: usize) -> Self {
-        let explicit = |tableau| OneStep::Explicit(ExplicitStep::new(tableau, nq, nv, auxiliary));
-        let rosenbrock = |tableau| OneStep::Rosenbrock(RosenbrockStep::new(tableau, nq, nv, auxiliary));
+        let explicit = |tableau| OneStep::Explicit(Box::new(ExplicitStep::new(tableau, nq, nv, auxiliary)));
+        let rosenbrock =
+            |tableau| OneStep::Rosenbrock(Box::new(RosenbrockStep::new(tableau, nq, nv, auxiliary)));
         match method {
             Method::Dop853 => explicit(DOP853),
             Method::Tsit5 => explicit(TSIT5),

@@ -186,9 +186,9 @@ mod tests {
         }
         let a = lower(t.a, n);
         // The end point is the last stage's argument plus the last stage.
-        let mut m = vec![a[n - 1].clone()];
-        m[0][n - 1] = 1.0;
-        let b = (0..n).map(|j| (0..n).map(|k| m[0][k] * gamma[k][j]).sum()).collect();
+        let mut m = a[n - 1].clone();
+        m[n - 1] = 1.0;
+        let b = (0..n).map(|j| (0..n).map(|k| m[k] * gamma[k][j]).sum()).collect();
         let alpha = times(&a, &gamma);
         let beta = (0..n).map(|i| (0..n).map(|j| alpha[i][j] + gamma[i][j]).collect()).collect();
         (alpha, beta, b)

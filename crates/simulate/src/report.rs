@@ -114,7 +114,11 @@ pub fn report(
         None => crate::folder::next_free(Path::new("reports"), &stem)?,
     };
     let budget = Budget::new(budget_s);
-    let reference = Reference::new(&mut scene.simulation, 0.5 * budget_s, &budget, watcher)?;
+    let reference =
+        Reference::new(&mut scene.simulation, 0.5 * budget_s, &budget, watcher).inspect_err(|_| {
+            // A folder without a report would only take the name; it is empty, or stays.
+            let _ = std::fs::remove_dir(&folder);
+        })?;
     let simulation = &scene.simulation;
     let mut report = Report {
         scene: stem,

@@ -24,7 +24,7 @@ pub fn write(report: &Report, folder: &Path) -> Result<(), SimulateError> {
 /// One row per run; empty where there is no such number.
 pub fn csv(report: &Report) -> String {
     let mut text = String::from(
-        "method,tolerance,step,error_q,error_v,error_end_q,error_end_v,energy_error,angular_momentum_error,\
+        "method,tolerance,step,error_q,error_v,error_end_q,error_end_v,energy_error,energy_drift,energy_noise,angular_momentum_error,\
          linear_momentum_error,reference_error,steps,rejected,evaluations,wall_s,failed\n",
     );
     for t in &report.trials {
@@ -37,6 +37,8 @@ pub fn csv(report: &Report) -> String {
             t.error_end.map(|e| e[0]),
             t.error_end.map(|e| e[1]),
             Some(t.energy_error),
+            t.drift.map(|d| d.slope),
+            t.drift.map(|d| d.noise),
             t.momentum_error.map(|m| m[0]),
             t.momentum_error.map(|m| m[1]),
             t.reference_error,
@@ -73,6 +75,7 @@ impl Trial {
             "method": self.method, "tolerance": self.tolerance, "step": self.step,
             "error_q": self.error_q, "error_v": self.error_v, "error_end": self.error_end,
             "energy_error": self.energy_error,
+            "energy_drift": self.drift.map(|d| json!({"slope": d.slope, "error": d.error, "noise": d.noise})),
             "momentum_error": self.momentum_error.map(|[angular, linear]| json!({"angular": angular, "linear": linear})),
             "reference_error": self.reference_error,
             "steps": self.steps, "rejected": self.rejected, "evaluations": self.evaluations, "wall_s": self.wall_s,
@@ -249,6 +252,9 @@ fn charts(report: &Report) -> Vec<Chart> {
         log("Error against step", &format!("step, {}", report.time_unit), q, series(&|t| t.step, &error)),
         log("Energy error", "evaluations", "relative", series(work, &|t| Some(t.energy_error))),
     ];
+    let unit = if report.time_unit == "ps" { "kJ/mol/ps" } else { "J/s" };
+    let slopes = series(work, &|t| t.drift.map(|d| d.slope.abs()));
+    charts.push(log("Energy drift", "evaluations", &format!("|slope|, {unit}"), slopes));
     if report.momentum {
         let angular = series(work, &|t| t.momentum_error.map(|m| m[0]));
         let linear = series(work, &|t| t.momentum_error.map(|m| m[1]));

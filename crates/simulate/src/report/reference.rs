@@ -17,6 +17,7 @@ use crate::folder::summary::short;
 use crate::record::spread;
 use crate::simulation::Simulation;
 use phipsi_model::{Model, State};
+use phipsi_motion::extrapolation::Rate;
 use phipsi_motion::{
     Dynamics, Extrapolation, ExtrapolationError, Method, MotionError, Scheme, Stepper, System, Tolerances,
     WideDynamics, coordinate_rate,
@@ -330,9 +331,6 @@ fn wide(
     Some(extrapolate(simulation.model(), (*t, y), WIDE, times, &[], first, seconds, &mut rate, look))
 }
 
-/// A derivative of embedded coordinates.
-type Rate<'a, T, E> = &'a mut dyn FnMut(f64, &[T], &mut [T]) -> Result<(), E>;
-
 /// The second reference; it ends where it has nothing to do with the first one any more.
 #[allow(clippy::too_many_arguments)] // where, how exactly, until when
 fn extrapolate<T: Real, E: std::fmt::Display>(
@@ -343,7 +341,7 @@ fn extrapolate<T: Real, E: std::fmt::Display>(
     breaks: &[f64],
     first: &Track,
     seconds: f64,
-    rate: Rate<'_, T, E>,
+    rate: &mut Rate<'_, T, E>,
     look: &mut dyn FnMut(&str) -> bool,
 ) -> Track {
     let clock = Instant::now();
@@ -377,7 +375,8 @@ fn extrapolate<T: Real, E: std::fmt::Display>(
         let plain = |y: &[T]| y.iter().map(|x| x.to_f64()).collect();
         let y = method.y();
         let state = State { q: plain(&y[..nq]), v: plain(&y[nq..nq + nv]), t: time };
-        let lost = !(apart(model, other, &state)[0] <= LOST);
+        let difference = apart(model, other, &state)[0];
+        let lost = difference.is_nan() || difference > LOST;
         track.states.push(state);
         if lost {
             track.ended = Some("the references have parted".into());

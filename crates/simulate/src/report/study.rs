@@ -3,6 +3,7 @@
 use super::advice::{advise, orders};
 use super::reference::{Reference, apart, instants};
 use super::{Budget, Report, ReportWatcher};
+use crate::drift::{Drift, drift};
 use crate::error::SimulateError;
 use crate::record::{Observer, Row};
 use crate::run::run;
@@ -16,6 +17,12 @@ const EXPONENTS: std::ops::RangeInclusive<i32> = 3..=13;
 
 /// Most halvings of a fixed step.
 const HALVINGS: i32 = 9;
+
+/// Longest time of a run that is counted, s.
+const LONGEST: f64 = 1e9;
+
+/// Most rows through which a line of the energy is drawn.
+const MOST_ROWS: usize = 100_000;
 
 /// Runs shorter than this are repeated, s: the least of three times is kept.
 const SHORT: f64 = 0.05;
@@ -37,6 +44,8 @@ pub struct Trial {
     pub error_end: Option<[f64; 2]>,
     /// Relative imbalance of energy over the whole run.
     pub energy_error: f64,
+    /// Straight line through the energy less work over the whole run; `None` for very many samples.
+    pub drift: Option<Drift>,
     /// Relative imbalances of angular and linear momentum.
     pub momentum_error: Option<[f64; 2]>,
     /// Largest relative error of outputs with known values.
@@ -146,8 +155,8 @@ fn fixed(simulation: &Simulation, report: &Report, rk4: bool) -> Result<Candidat
         let make = |step| Scheme::Explicit(Method::Rk4 { step });
         return Ok(Candidate { order: 4, name: "rk4", settings: settings(steps, &make) });
     }
-    let conservative = |f: &Box<dyn phipsi_motion::Force>| f.needs().conservative && f.auxiliary().is_empty();
-    if let Some(force) = simulation.dynamics.forces().iter().find(|f| !conservative(f)) {
+    let conservative = |f: &dyn phipsi_motion::Force| f.needs().conservative && f.auxiliary().is_empty();
+    if let Some(force) = simulation.dynamics.forces().iter().find(|f| !conservative(f.as_ref())) {
         let why = format!("midpoint: force `{}` has no potential energy", force.name());
         return Err(Some(why));
     }
@@ -220,7 +229,7 @@ fn one_method(
             ));
             break;
         }
-        let cap = Duration::from_secs_f64((2.0 * left).max(0.1));
+        let cap = Duration::from_secs_f64((2.0 * left).clamp(0.1, LONGEST));
         let what = describe(candidate.name, *scheme, tolerances);
         let trial = trial(simulation, (*scheme, *tolerances), &report.reference, cap, &what, budget, watcher);
         if watcher.stop() {
@@ -277,6 +286,7 @@ fn trial(
         error_v: None,
         error_end: None,
         energy_error: f64::NAN,
+        drift: None,
         momentum_error: None,
         reference_error: None,
         steps: 0,
@@ -295,6 +305,7 @@ fn trial(
             next: 0,
             worst: [0.0; 2],
             last: None,
+            energies: Vec::new(),
             begun: Instant::now(),
             cap,
             over: std::cell::Cell::new(false),
@@ -304,6 +315,7 @@ fn trial(
         };
         let result = run(simulation, &mut judge);
         let (worst, last, over) = (judge.worst, judge.last, judge.over.get());
+        let energies = judge.energies;
         match result {
             Ok(summary) if summary.finished => {
                 let judged = !reference.states.is_empty();
@@ -311,6 +323,7 @@ fn trial(
                 trial.error_v = judged.then_some(worst[1]);
                 trial.error_end = last;
                 trial.energy_error = summary.energy_error;
+                trial.drift = if energies.len() < MOST_ROWS { drift(&energies) } else { None };
                 trial.momentum_error = summary.momentum_error;
                 trial.reference_error = summary.reference_error;
                 (trial.steps, trial.rejected) = (summary.steps, summary.rejected);
@@ -347,6 +360,8 @@ struct Judge<'a> {
     next: usize,
     worst: [f64; 2],
     last: Option<[f64; 2]>,
+    /// Rows with time and energy alone.
+    energies: Vec<Row>,
     begun: Instant,
     cap: Duration,
     over: std::cell::Cell<bool>,
@@ -359,6 +374,12 @@ impl Observer for Judge<'_> {
     fn row(&mut self, row: &Row) -> Result<(), SimulateError> {
         let at = self.judged.get(self.next) == Some(&self.row);
         self.row += 1;
+        if self.energies.len() < MOST_ROWS {
+            let none = Vec::new;
+            let (outputs, terms, momentum) = (none(), none(), [0.0; 6]);
+            let (t, energy) = (row.t, row.energy);
+            self.energies.push(Row { t, q: none(), v: none(), energy, momentum, outputs, terms });
+        }
         if at {
             if let Some(known) = self.reference.states.get(self.next) {
                 let errors = apart(self.model, known, &row.state());
