@@ -220,7 +220,7 @@ impl<T: Real> Operators<T> {
     /// # let rod = Inertia::from_principal(1.0, [0.5, 0.0, 0.0], [0.0, 1.0 / 12.0, 1.0 / 12.0]);
     /// # let hinge = Joint::new("hinge", JointKind::Revolute { axis: [0.0, 1.0, 0.0] });
     /// # let model = ModelBuilder::new("pendulum").body(Body::new("rod", rod)).joint(hinge, "world", "rod").build()?;
-    /// let ops = phipsi_recursion::Operators::new(&model, &[0.3])?;
+    /// let ops = phipsi_recursion::Operators::new(&model, &[0.3_f64])?;
     /// let (field, mut random) = (ops.random_field(), Random::new(1));
     /// let mean = (0..10_000).map(|_| field.sample(&mut random).T[0].powi(2)).sum::<f64>() / 1e4;
     /// assert!((mean - 1.0 / 3.0).abs() < 0.02); // the inertia of a rod about its end
