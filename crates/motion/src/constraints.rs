@@ -29,7 +29,12 @@ pub(crate) struct Constraints {
     /// T with the actuators' forces.
     forces: Vec<f64>,
     rates: Vec<f64>,
+    /// The smallest pivot since it was asked for.
+    sharpest: f64,
 }
+
+/// Below this pivot, over the scale of its loop, a state counts as near a singular position.
+const SINGULAR: f64 = 1e-2;
 
 /// What the functions of time say at an instant.
 struct Held<'a> {
@@ -101,6 +106,7 @@ impl Constraints {
             lambda: vec![0.0; n],
             forces: vec![0.0; nv],
             rates: vec![0.0; n],
+            sharpest: f64::INFINITY,
         }))
     }
     /// Degrees of freedom whose motion is given.
@@ -139,9 +145,10 @@ impl Constraints {
         let mut lambda = std::mem::take(&mut self.lambda);
         let (closed, held) = self.hold(t);
         let conditions = held.conditions(wrenches);
-        let mut done = 0.0;
+        let (mut done, mut sharpest) = (0.0, f64::INFINITY);
         let mut solve = || {
             let mut solved = closed.run(q, v, tau, &conditions, v_dot)?;
+            sharpest = solved.info().smallest_pivot;
             if power && held.moves {
                 solved.closure_forces(&mut lambda)?;
                 done += lambda.iter().zip(&held.gamma[1]).map(|(l, rate)| l * rate).sum::<f64>();
@@ -154,6 +161,7 @@ impl Constraints {
             Ok(done)
         };
         let result = solve();
+        self.sharpest = self.sharpest.min(sharpest);
         (self.forces, self.lambda) = (forces, lambda);
         result
     }
@@ -166,18 +174,40 @@ impl Constraints {
         v: &mut [f64],
     ) -> Result<Projected, ClosureError> {
         self.follow(t, q, v);
+        let (mut position_rows, mut rates) =
+            (std::mem::take(&mut self.lambda), std::mem::take(&mut self.rates));
+        let result = self.project_rows(t, (q, v), &mut position_rows, &mut rates);
+        (self.lambda, self.rates) = (position_rows, rates);
+        result
+    }
+    fn project_rows(
+        &mut self,
+        t: f64,
+        (q, v): (&mut [f64], &mut [f64]),
+        position_rows: &mut [f64],
+        rates: &mut [f64],
+    ) -> Result<Projected, ClosureError> {
         let (closed, held) = self.hold(t);
         if closed.rows() == 0 {
             return Ok(Projected::default());
         }
         let conditions = held.conditions(None);
         let moved = closed.project_position(q, &conditions)?;
+        let position = moved.residual[1];
+        // Near a singular position a projection of rounding would multiply it by 1/σ.
+        let speed = v.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+        let rounding = 32.0 * f64::EPSILON * closed.length().max(1.0) * speed;
+        closed.residual(q, Some(v), &conditions, position_rows, rates)?;
+        let velocity = largest(rates);
+        if velocity <= rounding {
+            return Ok(Projected { position, velocity, energy_removed: 0.0 });
+        }
         let turned = closed.project_velocity(q, v, &conditions)?;
-        Ok(Projected {
-            position: moved.residual[1],
-            velocity: turned.residual[1],
-            energy_removed: turned.energy_removed,
-        })
+        Ok(Projected { position, velocity: turned.residual[1], energy_removed: turned.energy_removed })
+    }
+    /// True if an evaluation since the last call was near a singular position.
+    pub(crate) fn was_near_singular(&mut self) -> bool {
+        std::mem::replace(&mut self.sharpest, f64::INFINITY) < SINGULAR
     }
     /// Puts prescribed coordinates where they are given.
     pub(crate) fn follow(&self, t: f64, q: &mut [f64], v: &mut [f64]) {
@@ -196,9 +226,7 @@ impl Constraints {
             (std::mem::take(&mut self.lambda), std::mem::take(&mut self.rates));
         let (closed, held) = self.hold(t);
         let result = closed.residual(q, Some(v), &held.conditions(None), &mut position, &mut velocity);
-        let most =
-            |x: &[f64]| x.iter().fold(0.0f64, |m, x| if x.is_nan() { f64::NAN } else { m.max(x.abs()) });
-        let largest = [most(&position), most(&velocity)];
+        let largest = [largest(&position), largest(&velocity)];
         (self.lambda, self.rates) = (position, velocity);
         result.map(|()| largest)
     }
@@ -248,4 +276,9 @@ impl Constraints {
         let (closed, held) = self.hold(t);
         Ok(closed.project_velocity(q, &mut work, &held.conditions(None))?.rank)
     }
+}
+
+/// The largest magnitude; a number that is none stays.
+fn largest(x: &[f64]) -> f64 {
+    x.iter().fold(0.0f64, |most, x| if x.is_nan() || most.is_nan() { f64::NAN } else { most.max(x.abs()) })
 }
