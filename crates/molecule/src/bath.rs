@@ -74,7 +74,12 @@ impl Bath {
             let mut p = method.state().p.clone();
             if remove_momentum(method.layout(), &method.state().q, &mut p) > 0.0 {
                 let singular = |e: DynamicsError| {
-                    MoleculeError::new("model", e.to_string(), "a regular mass matrix", "lock the named hinge")
+                    MoleculeError::new(
+                        "model",
+                        e.to_string(),
+                        "a regular mass matrix",
+                        "lock the named hinge",
+                    )
                 };
                 method.set_momenta(&p).map_err(singular)?;
             }

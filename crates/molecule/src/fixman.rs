@@ -40,7 +40,9 @@ impl Distribution {
     /// In a sentence.
     pub fn describe(self) -> &'static str {
         match self {
-            Distribution::Rigid => "rigid: sqrt(det M) exp(-U/kT), the rigid model's own, without Fixman's potential",
+            Distribution::Rigid => {
+                "rigid: sqrt(det M) exp(-U/kT), the rigid model's own, without Fixman's potential"
+            }
             Distribution::StiffLimit => "stiff limit: exp(-U/kT), with Fixman's potential 1/2 kT ln det M",
         }
     }

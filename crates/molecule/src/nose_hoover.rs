@@ -17,8 +17,8 @@
 use crate::deviates::Deviates;
 use crate::langevin::dot;
 use phipsi_motion::Midpoint;
-use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::DynamicsError;
+use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::layout::GROUND;
 
 /// Thermostats of a chain.
@@ -106,8 +106,7 @@ impl Chains {
             if group.freedom == 0.0 {
                 return 0.0;
             }
-            let kinetic: f64 =
-                self.masses(group).iter().zip(&chain.rate).map(|(m, r)| 0.5 * m * r * r).sum();
+            let kinetic: f64 = self.masses(group).iter().zip(&chain.rate).map(|(m, r)| 0.5 * m * r * r).sum();
             let potential = group.freedom * chain.position[0] + chain.position[1..].iter().sum::<f64>();
             kinetic + self.kt * potential
         };

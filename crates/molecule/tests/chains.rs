@@ -89,13 +89,7 @@ fn the_pentamer_has_its_tabulated_potential() {
 }
 
 /// χ² of samples against the right density and the wrong one.
-fn judge(
-    what: &str,
-    x: &[f64],
-    range: [f64; 2],
-    bins: usize,
-    [right, wrong]: [&dyn Fn(f64) -> f64; 2],
-) {
+fn judge(what: &str, x: &[f64], range: [f64; 2], bins: usize, [right, wrong]: [&dyn Fn(f64) -> f64; 2]) {
     let (p, q) = (p_value(x, range, bins, right), p_value(x, range, bins, wrong));
     println!("{what}: p = {p:.3}, against the other density {q:.1e}, {} samples", x.len());
     assert!(p > 1e-3 && q < 1e-6, "{what}: {p:e}, {q:e}");
@@ -139,7 +133,9 @@ fn a_freely_rotating_chain_has_its_two_distributions() {
 /// Light beads between heavy ones: there the two densities differ most.
 #[test]
 fn freely_jointed_chains_have_their_two_distributions() {
-    for (masses, plan) in [(&[60.0, 12.0, 60.0][..], (0.04, 10, 6)), (&[60.0, 12.0, 60.0, 12.0, 60.0], (0.04, 10, 6))] {
+    for (masses, plan) in
+        [(&[60.0, 12.0, 60.0][..], (0.04, 10, 6)), (&[60.0, 12.0, 60.0, 12.0, 60.0], (0.04, 10, 6))]
+    {
         let model = jointed(masses);
         let marginal = first_angle(masses);
         for fixman in [false, true] {

@@ -44,7 +44,8 @@ fn potential(strength: f64) -> impl FnMut(&[f64], &mut [f64]) -> Result<f64, Dyn
         f[1] = -strength * (q[1] + 0.7).sin();
         f[2] = -2.0 * strength * (2.0 * q[2]).sin() - 0.5 * strength * (q[2] - q[1]).sin();
         f[1] += 0.5 * strength * (q[2] - q[1]).sin();
-        Ok(strength * (-(q[0] - 0.4).cos() - (q[1] + 0.7).cos() - (2.0 * q[2]).cos() - 0.5 * (q[2] - q[1]).cos()))
+        Ok(strength
+            * (-(q[0] - 0.4).cos() - (q[1] + 0.7).cos() - (2.0 * q[2]).cos() - 0.5 * (q[2] - q[1]).cos()))
     }
 }
 
@@ -64,7 +65,8 @@ fn quadrature(model: &Model, kt: f64, strength: f64, fixman: bool) -> [f64; 5] {
     let (mut sums, mut total) = ([0.0; 5], 0.0);
     for j in 0..N {
         for k in 0..N {
-            let root = if fixman { 1.0 } else { mass_matrix(model, &[0.0, at(j), at(k)]).determinant().sqrt() };
+            let root =
+                if fixman { 1.0 } else { mass_matrix(model, &[0.0, at(j), at(k)]).determinant().sqrt() };
             for i in 0..N {
                 let q = [at(i), at(j), at(k)];
                 let weight = root * (-energy(&q, &mut [0.0; 3]).unwrap() / kt).exp();
@@ -102,7 +104,12 @@ fn run_arm(
 
 fn check_kinetic(what: &str, kinetic: &[f64], freedom: f64, kt: f64, bias: f64) {
     let half = 0.5 * freedom;
-    check_mean(&format!("{what}: ⟨K⟩/kT"), &kinetic.iter().map(|k| k / kt).collect::<Vec<_>>(), half, bias * half);
+    check_mean(
+        &format!("{what}: ⟨K⟩/kT"),
+        &kinetic.iter().map(|k| k / kt).collect::<Vec<_>>(),
+        half,
+        bias * half,
+    );
     let squares: Vec<f64> = kinetic.iter().map(|k| (k / kt).powi(2)).collect();
     check_mean(&format!("{what}: ⟨K²⟩/kT²"), &squares, half * (half + 1.0), 2.0 * bias * half * (half + 1.0));
 }
@@ -147,11 +154,9 @@ fn all_methods_agree_with_the_quadrature_on_an_arm() {
     let model = arm();
     for fixman in [false, true] {
         let exact = quadrature(&model, 1.0, 1.0, fixman);
-        for (ensemble, plan) in [
-            (MONTE_CARLO, (0.1, 2, 6_000)),
-            (LANGEVIN, (0.04, 16, 8_000)),
-            (NOSE_HOOVER, (0.03, 20, 8_000)),
-        ] {
+        for (ensemble, plan) in
+            [(MONTE_CARLO, (0.1, 2, 6_000)), (LANGEVIN, (0.04, 16, 8_000)), (NOSE_HOOVER, (0.03, 20, 8_000))]
+        {
             let (kinetic, states, _) = run_arm(ensemble, (1.0, fixman), plan);
             // Steps of 0.04 at frequencies up to 10: (hω)²/24 of the energies, not for Monte Carlo.
             let bias = if ensemble == MONTE_CARLO { 0.0 } else { 0.007 };

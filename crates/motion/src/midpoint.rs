@@ -144,12 +144,9 @@ impl MidpointState {
     /// Becomes another state of the same model, without an allocation.
     pub fn copy(&mut self, other: &Self) {
         let MidpointState { t, q, p, forces, potential, guess, steps, iterations } = other;
-        for (to, from) in [
-            (&mut self.q, q),
-            (&mut self.p, p),
-            (&mut self.forces, forces),
-            (&mut self.guess, guess),
-        ] {
+        for (to, from) in
+            [(&mut self.q, q), (&mut self.p, p), (&mut self.forces, forces), (&mut self.guess, guess)]
+        {
             to.clone_from(from);
         }
         (self.t, self.potential, self.steps, self.iterations) = (*t, *potential, *steps, *iterations);

@@ -9,8 +9,8 @@ use crate::simulator::check_single;
 use numpy::PyArrayDyn;
 use phipsi::molecule::torsion_model::TorsionModel as Torsion;
 use phipsi::molecule::{
-    Bath, Clusters, Deviates, Ensemble, ForceField, MinimizeOptions, MolecularError, MolecularForces, draw_momenta, minimize,
-    satisfied_constraints, strain,
+    Bath, Clusters, Deviates, Ensemble, ForceField, MinimizeOptions, MolecularError, MolecularForces,
+    draw_momenta, minimize, satisfied_constraints, strain,
 };
 use phipsi::motion::{Midpoint, MidpointError};
 use phipsi::recursion::articulated_sweep::SolveWorkspace;

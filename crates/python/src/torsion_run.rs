@@ -6,8 +6,8 @@ use crate::torsion_model::{Moving, OwnBath, TorsionModel, check_temperature};
 use numpy::PyArrayDyn;
 use phipsi::formats::dcd::{DcdError, DcdTiming, DcdWriter};
 use phipsi::molecule::{
-    BOLTZMANN, Bath, Distribution, Ensemble, FixmanPotential, MolecularError, MoleculeError, Trials, WithFixman, ensemble,
-    temperature,
+    BOLTZMANN, Bath, Distribution, Ensemble, FixmanPotential, MolecularError, MoleculeError, Trials,
+    WithFixman, ensemble, temperature,
 };
 use phipsi::motion::MidpointError;
 use phipsi::simulate::Row;
@@ -303,7 +303,14 @@ impl TorsionModel {
             Stop::Dynamics(e) => dynamics_error(py, e, None),
             Stop::Bath(e) => {
                 let required = e.required.clone();
-                argument_error(py, "ensemble", Field::Text(e.found.clone()), required.into(), &e.to_string(), None)
+                argument_error(
+                    py,
+                    "ensemble",
+                    Field::Text(e.found.clone()),
+                    required.into(),
+                    &e.to_string(),
+                    None,
+                )
             }
             Stop::File(e) => return Err(PyOSError::new_err(e.to_string())),
         };

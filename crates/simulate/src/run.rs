@@ -7,8 +7,8 @@ use crate::simulation::Simulation;
 use phipsi_model::Model;
 use phipsi_molecule::{Bath, BathState, Trials};
 use phipsi_motion::{
-    Balance, Conserved, Dynamics, ErrorEstimate, JudgedRun, Method, MotionError, Scheme, StepError, StepInfo, Stepper,
-    StepperState, System, balance, estimate_error,
+    Balance, Conserved, Dynamics, ErrorEstimate, JudgedRun, Method, MotionError, Scheme, StepError, StepInfo,
+    Stepper, StepperState, System, balance, estimate_error,
 };
 use phipsi_recursion::{DynamicsError, Kinematics};
 use serde::{Deserialize, Serialize};
@@ -322,7 +322,8 @@ impl<'a> Runner<'a> {
             self.stepper
                 .sample(dynamics, t, &mut q, &mut v, &mut aux)
                 .map_err(|e| SimulateError::stopped(&e, dynamics.model()))?;
-            let row = measure(dynamics, &mut self.kinematics, &self.simulation.outputs, (t, q, v), &aux, heat)?;
+            let row =
+                measure(dynamics, &mut self.kinematics, &self.simulation.outputs, (t, q, v), &aux, heat)?;
             observer.row(&row)?;
             self.rows += 1;
         }

@@ -169,7 +169,8 @@ fn read(
         let mut molecule = m.molecule;
         molecule.ensemble = settings.as_ref().map_or(molecule.ensemble, |s| s.ensemble);
         if molecule.has_bath() && molecule.temperature.is_none_or(|t| t == 0.0) {
-            let found = format!("ensemble = \"{}\" without a temperature above zero", molecule.ensemble.word());
+            let found =
+                format!("ensemble = \"{}\" without a temperature above zero", molecule.ensemble.word());
             let required = "the temperature of the bath";
             let remedy = "set `temperature_K` in [molecule]";
             report.errors.push(Problem::new(None, "integrator", found, required, remedy));

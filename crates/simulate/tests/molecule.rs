@@ -260,9 +260,7 @@ fn wrong_ensembles_say_what_is_required() {
     let e = reported(with_ensemble("\"hmc\"\ntrajectory_steps = 0"));
     assert!(e.required.contains("at least 1"), "{e:?}");
     // 0.4 ps are no whole number of trajectories of 7 steps of 4 fs; nor is every = 0.02 then.
-    let found: Vec<Problem> = reports(&with_ensemble("\"hmc\"\ntrajectory_steps = 7"))
-        .into_iter()
-        .flat_map(|r| r.errors)
-        .collect();
+    let found: Vec<Problem> =
+        reports(&with_ensemble("\"hmc\"\ntrajectory_steps = 7")).into_iter().flat_map(|r| r.errors).collect();
     assert!(found.iter().any(|e| e.required.contains("whole number of trajectories")), "{found:?}");
 }

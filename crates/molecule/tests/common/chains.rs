@@ -35,7 +35,9 @@ pub fn rotating(masses: &[f64], bond: f64, theta: f64) -> TorsionModel {
 pub fn rigid_torsion(end: f64, middle: f64, t: f64, phi: f64) -> f64 {
     let (a, b, c) = (1.0 / end, 1.0 / middle, phi.cos());
     let common = c * c * t * t - c * c;
-    let p = a * a + 2.0 * a * b * c * t - 2.0 * a * b * c - 2.0 * a * b * t + 3.0 * a * b + b * b * (common - t * t + 1.0);
+    let p = a * a + 2.0 * a * b * c * t - 2.0 * a * b * c - 2.0 * a * b * t
+        + 3.0 * a * b
+        + b * b * (common - t * t + 1.0);
     let q = a * a - 2.0 * a * b * c * t + 2.0 * a * b * c - 2.0 * a * b * t
         + 4.0 * a * b
         + b * b * (common + 2.0 * c * t * t - 2.0 * c * t + t * t - 2.0 * t + 2.0);
@@ -50,10 +52,11 @@ pub fn jointed(masses: &[f64]) -> Model {
     let total = masses[0] + masses[1];
     let across = masses[0] * masses[1] / total * BOND * BOND;
     let pair = Inertia::from_principal(total, [BOND * masses[1] / total, 0.0, 0.0], [0.1, across, across]);
-    let mut builder = ModelBuilder::new("chain")
-        .gravity([0.0; 3])
-        .body(Body::new("rod1", pair))
-        .joint(Joint::new("base", JointKind::Free), "world", "rod1");
+    let mut builder = ModelBuilder::new("chain").gravity([0.0; 3]).body(Body::new("rod1", pair)).joint(
+        Joint::new("base", JointKind::Free),
+        "world",
+        "rod1",
+    );
     for (i, mass) in masses.iter().enumerate().skip(2) {
         let place = Placement::from_xyz_rpy([BOND, 0.0, 0.0], [0.0; 3]);
         builder = builder.body(Body::new(format!("rod{i}"), own(*mass))).joint(

@@ -82,7 +82,8 @@ pub fn p_value(x: &[f64], [low, high]: [f64; 2], bins: usize, density: impl Fn(f
         counts[(bin as usize).min(bins - 1)] += 1.0;
     }
     let n = x.len() as f64;
-    let chi2: f64 = counts.iter().zip(&expected).map(|(c, e)| (c - n * e / total).powi(2) / (n * e / total)).sum();
+    let chi2: f64 =
+        counts.iter().zip(&expected).map(|(c, e)| (c - n * e / total).powi(2) / (n * e / total)).sum();
     upper_gamma(0.5 * (bins - 1) as f64, 0.5 * chi2)
 }
 
@@ -98,9 +99,11 @@ pub fn correlation(x: &[f64], lag: usize) -> f64 {
 /// Known values of χ² tables.
 #[test]
 fn the_incomplete_gamma_function_is_right() {
-    for (a, x, want) in
-        [(0.5, 0.5 * 3.841_458_820_694_124, 0.05), (5.0, 0.5 * 23.209_251_158_954_356, 0.01), (1.0, 2.0, (-2.0f64).exp())]
-    {
+    for (a, x, want) in [
+        (0.5, 0.5 * 3.841_458_820_694_124, 0.05),
+        (5.0, 0.5 * 23.209_251_158_954_356, 0.01),
+        (1.0, 2.0, (-2.0f64).exp()),
+    ] {
         assert!((upper_gamma(a, x) - want).abs() < 1e-12, "{a} {x}: {}", upper_gamma(a, x));
     }
 }

@@ -8,9 +8,9 @@ use phipsi_formats::system::SystemOptions;
 use phipsi_formats::{Note, Problem, Report};
 use phipsi_model::State;
 use phipsi_molecule::{
-    BOLTZMANN, BondKind, Clustering, Clusters, Deviates, Distribution, FixmanForce, ForceField, Hinges, MinimizeOptions, MolecularForces,
-    MoleculeErrors, PotentialForce, TorsionModel, draw_velocities, read_molecule, satisfied_constraints,
-    strain,
+    BOLTZMANN, BondKind, Clustering, Clusters, Deviates, Distribution, FixmanForce, ForceField, Hinges,
+    MinimizeOptions, MolecularForces, MoleculeErrors, PotentialForce, TorsionModel, draw_velocities,
+    read_molecule, satisfied_constraints, strain,
 };
 use phipsi_motion::Force;
 use phipsi_motion::forces::JointDissipation;
