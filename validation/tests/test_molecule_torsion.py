@@ -302,6 +302,11 @@ def test_wrong_runs(t):
         ({"dt_fs": float("inf")}, "dt_fs"),
         ({"ensemble": "npt"}, "ensemble"),
         ({"every": 0}, "every"),
+        ({"ensemble": "langevin", "friction_per_ps": -1.0}, "friction_per_ps"),
+        ({"ensemble": "nose_hoover", "relaxation_ps": 0.0}, "relaxation_ps"),
+        ({"ensemble": "hmc", "trajectory_steps": 0}, "trajectory_steps"),
+        ({"ensemble": "hmc", "temperature_K": 0.0}, "temperature_K"),
+        ({"fixman": True, "temperature_K": 0.0}, "temperature_K"),
         ({"temperature_K": float("nan")}, "temperature_K"),
         ({"steps": 10**12, "every": 1}, "every"),
     ):
@@ -342,6 +347,41 @@ def test_interrupt_and_threads(t):
     assert 0 < seen[0] <= seen[1] and seen[2].shape == (22, 3)
     assert len(refused) == 1 and "another thread" in str(refused[0])
     assert t.time_ps > 0 and t.run(1, dt_fs=1).steps == 1
+
+
+ENSEMBLES = {"langevin": 13, "nose_hoover": 10, "hmc": 13}
+
+
+@pytest.mark.parametrize("ensemble", ENSEMBLES)
+@pytest.mark.parametrize("fixman", [False, True])
+def test_ensembles(s, ensemble, fixman):
+    t = TorsionModel(s)
+    plain = t.energy()["total"]
+    arguments = {"ensemble": ensemble, "temperature_K": 300, "seed": 4, "fixman": fixman, "friction_per_ps": 5}
+    r = t.run(4000, dt_fs=5, every=10, **arguments)
+    assert (r.ensemble, r.degrees_of_freedom) == (ensemble, ENSEMBLES[ensemble])
+    assert r.distribution == ("stiff limit" if fixman else "rigid") and r.distribution in repr(r)
+    assert r.potential_energy[0] == pytest.approx(plain, abs=1e-9)
+    assert (np.ptp(r.fixman_energy) > 0.1) == fixman and fixman == bool(r.fixman_energy.any())
+    assert np.allclose(s.energy(r.positions)["total"], r.potential_energy, rtol=1e-12, atol=1e-9)
+    # 20 ps; the scatter of 2K/(n k) over it is some 15 K.
+    assert abs(r.temperature_K.mean() - 300) < 60
+    if ensemble == "hmc":
+        assert 0.95 < r.acceptance <= 1 and r.refused == 0
+    else:
+        assert r.acceptance is None and np.std(r.conserved) < 0.3
+    # What the model keeps is without Fixman's potential.
+    assert t.energy()["total"] == pytest.approx(r.potential_energy[-1], abs=1e-9)
+
+
+@pytest.mark.parametrize("ensemble", ENSEMBLES)
+def test_a_bath_in_parts_is_the_same(s, ensemble):
+    arguments = {"dt_fs": 5, "ensemble": ensemble, "seed": 3, "fixman": True, "every": 10}
+    one, two = TorsionModel(s), TorsionModel(s)
+    whole = one.run(60, **arguments)
+    parts = [two.run(20, **arguments), two.run(40, **arguments)]
+    joined = np.concatenate([parts[0].positions[:-1], parts[1].positions])
+    assert np.array_equal(joined, whole.positions) and np.array_equal(one.v, two.v)
 
 
 def test_several_molecules(tmp_path):

@@ -260,7 +260,8 @@ fn ensemble(table: &mut Table<'_>, step: Option<f64>, report: &mut Report) -> En
             let (node, found) =
                 (table.get("trajectory_steps"), format!("trajectory_steps = {}", other.describe()));
             table.error(node, report, found, "a whole number, at least 1", "correct `trajectory_steps`");
-            None
+            // Any number of steps is a whole number of these: one problem is told once.
+            Some(1)
         }
     };
     for (key, owner) in
