@@ -2,7 +2,7 @@
 //!
 //! | part | what |
 //! |---|---|
-//! | [`reference`] | the trajectory at some instants by two unrelated methods, and how well they agree |
+//! | [`mod@reference`] | the trajectory at some instants by two unrelated methods, and how well they agree |
 //! | [`study`] | runs of every method at tighter and tighter tolerances (smaller steps), judged by the reference |
 //! | [`advice`] | observed orders, and the cheapest run for each error |
 //! | [`files`] | page, CSV and JSON in a folder |

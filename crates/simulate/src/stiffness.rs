@@ -16,6 +16,9 @@ const IMPLICIT_STEPS: usize = 40;
 /// A scene that an explicit method ends in so many evaluations needs no other.
 const ENOUGH: f64 = 20_000.0;
 
+/// Most degrees of freedom of an implicit method: the factorisation of a step grows with their cube.
+pub(crate) const MOST_DOF: usize = 200;
+
 /// The implicit method must be this much cheaper to be taken.
 const CHEAPER: f64 = 3.0;
 
@@ -36,7 +39,10 @@ fn linearisation(nv: usize) -> f64 {
 pub(crate) fn look(simulation: &mut Simulation) -> Option<Choice> {
     let Scheme::Explicit(explicit) = simulation.choice.method else { return None };
     let tolerance = simulation.tolerances.rtol.max(simulation.tolerances.atol);
-    if simulation.molecule.is_some() || tolerance <= TIGHT || simulation.model().nv() == 0 {
+    if simulation.molecule.is_some()
+        || tolerance <= TIGHT
+        || !(1..=MOST_DOF).contains(&simulation.model().nv())
+    {
         return None;
     }
     let implicit = if tolerance >= LOOSE { Method::Rodas4 } else { Method::Rodas5p };

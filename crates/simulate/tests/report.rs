@@ -28,7 +28,7 @@ fn advice_holds_on_a_pendulum_whose_motion_is_known() {
     assert!(report.reference.wide && report.reference.horizon.is_none());
     // Tolerance 1e-13 over 4 periods; measured 5e-13.
     assert!(report.reference.agreement[0] < 1e-11, "{:?}", report.reference.agreement);
-    let exact = 0.2786806735699829484347667;
+    let exact = 0.278_680_673_569_982_94;
     let end = report.reference.states.last().unwrap();
     // The reference itself is right to the rounding of the start, π/2 in f64.
     assert!((end.q[0] - exact).abs() < 1e-14, "{}", end.q[0]);

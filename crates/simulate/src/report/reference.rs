@@ -16,6 +16,7 @@ use crate::error::SimulateError;
 use crate::folder::summary::short;
 use crate::record::spread;
 use crate::simulation::Simulation;
+use crate::stiffness::MOST_DOF;
 use phipsi_model::{Model, State};
 use phipsi_motion::extrapolation::Rate;
 use phipsi_motion::{
@@ -151,7 +152,11 @@ impl Reference {
         let cost = (first.evaluations + second.evaluations, first.wall_s + second.wall_s);
         let mut third_cost = (0, 0.0);
         let doubtful = |worst: f64| worst > THIRD && worst <= KNOWN;
-        if !wide && simulation.molecule.is_none() && doubtful(worst(simulation.model(), &first, &second)) {
+        if !wide
+            && simulation.molecule.is_none()
+            && simulation.model().nv() <= MOST_DOF
+            && doubtful(worst(simulation.model(), &first, &second))
+        {
             let tolerances =
                 Tolerances { rtol: THIRD, atol: THIRD, max_step: simulation.tolerances.max_step };
             let share = 0.5 * seconds;

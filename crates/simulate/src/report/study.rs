@@ -8,6 +8,7 @@ use crate::error::SimulateError;
 use crate::record::{Observer, Row};
 use crate::run::run;
 use crate::simulation::{Choice, Simulation, method_name};
+use crate::stiffness::MOST_DOF;
 use phipsi_model::{Model, State};
 use phipsi_motion::{Method, Scheme, Tolerances};
 use std::time::{Duration, Instant};
@@ -88,6 +89,12 @@ pub(crate) fn study(
     let own = (simulation.choice.clone(), simulation.tolerances, simulation.estimate);
     simulation.estimate = false;
     let mut adaptive = candidates(simulation);
+    if simulation.molecule.is_none() && simulation.model().nv() > MOST_DOF {
+        let nv = simulation.model().nv();
+        report
+            .left_out
+            .push(format!("rodas4, rodas5p: {nv} degrees of freedom, and at most {MOST_DOF} are tried"));
+    }
     let count = adaptive.len() + 2;
     let mut result = Ok(false);
     for i in 0..count {
@@ -120,7 +127,7 @@ pub(crate) fn study(
 fn candidates(simulation: &Simulation) -> Vec<Candidate> {
     let max_step = simulation.tolerances.max_step;
     // A force field has no second derivatives here: linearisation by differences would cost thousands of evaluations a step.
-    let implicit = simulation.molecule.is_none();
+    let implicit = simulation.molecule.is_none() && simulation.model().nv() <= MOST_DOF;
     [Method::Dop853, Method::Tsit5, Method::Rodas4, Method::Rodas5p]
         .map(|method| {
             let scheme = Scheme::Explicit(method);
