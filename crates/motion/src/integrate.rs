@@ -298,7 +298,6 @@ impl Integrator {
         is_break: bool,
     ) -> Result<StepInfo, IntegrateError<S::Error>> {
         self.settle(system)?;
-        system.was_near_singular();
         self.latest = if is_break { limit.next_down() } else { f64::INFINITY };
         let t0 = self.state.t;
         let fixed = if let Method::Rk4 { step } = self.method { Some(step) } else { None };
@@ -360,15 +359,7 @@ impl Integrator {
             rejected = true;
             self.state.counts[1] += 1;
             let (alpha, _) = self.step.tableau.controller;
-            h = trial
-                * if system.was_near_singular() {
-                    // Whether a stage comes close to the singular position is chance: a much smaller step only stops before it.
-                    0.8
-                } else if error.is_finite() && error > 1.0 {
-                    (0.9 * error.powf(-alpha)).clamp(0.2, 0.9)
-                } else {
-                    0.25
-                };
+            h = trial * if error.is_finite() && error > 1.0 { (0.9 * error.powf(-alpha)).clamp(0.2, 0.9) } else { 0.25 };
         }
     }
 

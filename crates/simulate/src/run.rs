@@ -470,9 +470,6 @@ impl System for Watched<'_> {
         }
         self.dynamics.derivative(t, q, v, aux, v_dot, aux_dot)
     }
-    fn was_near_singular(&mut self) -> bool {
-        self.dynamics.was_near_singular()
-    }
     fn project(&mut self, t: f64, q: &mut [f64], v: &mut [f64]) -> Result<Option<Projected>, MotionError> {
         self.dynamics.project(t, q, v)
     }
