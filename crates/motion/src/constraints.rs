@@ -77,7 +77,8 @@ impl Wide {
         conditions: &Conditions<'_, f64>,
         out: &mut [f64],
     ) {
-        let lift = |to: &mut [Dd], from: &[f64]| to.iter_mut().zip(from).for_each(|(a, b)| *a = Dd::from_f64(*b));
+        let lift =
+            |to: &mut [Dd], from: &[f64]| to.iter_mut().zip(from).for_each(|(a, b)| *a = Dd::from_f64(*b));
         lift(&mut self.q, q);
         lift(&mut self.v, v);
         lift(&mut self.tau, tau);
@@ -164,7 +165,10 @@ impl Constraints {
             let range = if p.closure < closed.closures() { closed.closure(p.closure).1 } else { 0..0 };
             let row = range.start + p.row;
             if !range.contains(&row) || rows.iter().any(|(r, _)| *r == row) {
-                return refuse(format!("row {} of closure {} does not exist or is given twice", p.row, p.closure));
+                return refuse(format!(
+                    "row {} of closure {} does not exist or is given twice",
+                    p.row, p.closure
+                ));
             }
             if !matches!(p.course, Course::Position { .. }) {
                 return refuse(format!("closure {} moves by its position only", p.closure));

@@ -338,7 +338,7 @@ impl Integrator {
                 return Err(IntegrateError::StepUnderflow { t: t0, h: trial, cause });
             }
             let t1 = if landing { limit } else { t0 + trial };
-            let mut refused = !(error <= 1.0);
+            let mut refused = error.is_nan() || error > 1.0;
             let mut projected = None;
             if !refused {
                 match self.arrive(system, t1) {
@@ -359,7 +359,12 @@ impl Integrator {
             rejected = true;
             self.state.counts[1] += 1;
             let (alpha, _) = self.step.tableau.controller;
-            h = trial * if error.is_finite() && error > 1.0 { (0.9 * error.powf(-alpha)).clamp(0.2, 0.9) } else { 0.25 };
+            h = trial
+                * if error.is_finite() && error > 1.0 {
+                    (0.9 * error.powf(-alpha)).clamp(0.2, 0.9)
+                } else {
+                    0.25
+                };
         }
     }
 
@@ -371,15 +376,7 @@ impl Integrator {
     }
 
     /// Takes the end of the attempted step over; `carries`: its derivative is that of the next start.
-    fn finish(
-        &mut self,
-        t1: f64,
-        trial: f64,
-        error: f64,
-        rejected: bool,
-        fixed: Option<f64>,
-        carries: bool,
-    ) {
+    fn finish(&mut self, t1: f64, trial: f64, error: f64, rejected: bool, fixed: Option<f64>, carries: bool) {
         let s = &mut self.state;
         let nv = s.v.len();
         if fixed.is_none() {

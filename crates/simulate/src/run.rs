@@ -6,8 +6,8 @@ use crate::record::{LimitPassed, Observer, Row, StepRecord};
 use crate::simulation::Simulation;
 use phipsi_model::Model;
 use phipsi_motion::{
-    Balance, Conserved, Dynamics, ErrorEstimate, JudgedRun, Method, MotionError, Projected, Scheme, StepError,
-    Stepper, StepperState, System, balance, estimate_error,
+    Balance, Conserved, Dynamics, ErrorEstimate, JudgedRun, Method, MotionError, Projected, Scheme,
+    StepError, Stepper, StepperState, System, balance, estimate_error,
 };
 use phipsi_recursion::{DynamicsError, Kinematics};
 use serde::{Deserialize, Serialize};

@@ -6,7 +6,9 @@ use crate::output::{KnownValue, Output};
 use phipsi_formats::Problem;
 use phipsi_model::{Model, State};
 use phipsi_motion::forces::JointDissipation;
-use phipsi_motion::{Dynamics, Force, Method, MotionError, Prescription, Projected, Scheme, System, Tolerances};
+use phipsi_motion::{
+    Dynamics, Force, Method, MotionError, Prescription, Projected, Scheme, System, Tolerances,
+};
 
 /// Tolerance where nothing else is said.
 pub const DEFAULT_TOLERANCE: f64 = 1e-9;

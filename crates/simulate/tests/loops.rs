@@ -58,7 +58,7 @@ fn four_bars_in_a_row_through_the_singular_pose() {
 fn bricards_mechanism() {
     let summary = benchmark("bricard", &[]);
     let q1 = summary.outputs.iter().find(|(name, _)| name == "q1").unwrap().1;
-    assert!((q1 - 2.6904888332464651167e-4).abs() <= 1e-9, "{q1}");
+    assert!((q1 - 2.690_488_833_246_465e-4).abs() <= 1e-9, "{q1}");
 }
 
 #[test]
@@ -113,7 +113,8 @@ fn run_text(text: &str) -> (Summary, Recording) {
 #[test]
 fn a_long_run_of_a_four_bar_stays_closed() {
     let span = |steps: u32, step: f64| {
-        let integrator = format!("method = \"rk4\"\nstep = {step}\nt_end = {}\nestimate = false", f64::from(steps) * step);
+        let integrator =
+            format!("method = \"rk4\"\nstep = {step}\nt_end = {}\nestimate = false", f64::from(steps) * step);
         run_text(&four_bar("v.a = 8", &integrator, "[record]\nevery = 1")).0
     };
     let summary = span(100_000, 1e-3);
@@ -123,7 +124,12 @@ fn a_long_run_of_a_four_bar_stays_closed() {
     assert!(closures.position <= 1e-12 && closures.velocity <= 1e-12, "{closures:?}");
     // Order 4 where the rest is rounding: steps of twice the size over a tenth of the time drift by more than a tenth.
     let coarse = span(5_000, 2e-3);
-    assert!(summary.energy_error <= 10.0 * coarse.energy_error / 8.0, "{} {}", summary.energy_error, coarse.energy_error);
+    assert!(
+        summary.energy_error <= 10.0 * coarse.energy_error / 8.0,
+        "{} {}",
+        summary.energy_error,
+        coarse.energy_error
+    );
 }
 
 /// The crank follows a function of time: exactly, and its actuator's work is all of the energy's change.
@@ -135,10 +141,14 @@ fn prescribed_joints_follow_and_their_work_is_counted() {
         ("acceleration = [[0, 1], [1, 1], [1.5, 0]]", None),
     ] {
         for scene in ["four-bar", "open"] {
-            let motion = format!("[[motion]]\njoint = \"a\"\n{motion}\n[[force]]\nkind = \"damper\"\njoint = \"b\"\ndamping = 0.1\n");
+            let motion = format!(
+                "[[motion]]\njoint = \"a\"\n{motion}\n[[force]]\nkind = \"damper\"\njoint = \"b\"\ndamping = 0.1\n"
+            );
             let mut text = four_bar("", "t_end = 2\nrtol = 1e-11", &motion);
             if scene == "open" {
-                text = text.replace("kind = \"revolute\"", "kind = \"point_on_plane\"").replace("assemble = true", "");
+                text = text
+                    .replace("kind = \"revolute\"", "kind = \"point_on_plane\"")
+                    .replace("assemble = true", "");
                 text = text.replace("q.c = 1.8", "");
             }
             let (summary, recording) = run_text(&text);
@@ -155,7 +165,8 @@ fn prescribed_joints_follow_and_their_work_is_counted() {
 /// A locked crank stands still, and so does the whole mechanism.
 #[test]
 fn a_locked_joint_holds_the_mechanism() {
-    let (summary, recording) = run_text(&four_bar("", "t_end = 1", "[[motion]]\njoint = \"a\"\nposition = 0.4"));
+    let (summary, recording) =
+        run_text(&four_bar("", "t_end = 1", "[[motion]]\njoint = \"a\"\nposition = 0.4"));
     assert_eq!((summary.q[0], summary.v[0]), (0.4, 0.0));
     let first = &recording.rows[0].q;
     for row in &recording.rows {
@@ -188,7 +199,12 @@ fn moving_closures_do_what_prescribed_joints_do() {
     for (a, b) in one.q.iter().chain(&one.v).zip(other.q.iter().chain(&other.v)) {
         assert!((a - b).abs() < 1e-8, "{:?} {:?}", one.q, other.q);
     }
-    assert!(one.energy_error < 1e-9 && other.energy_error < 1e-9, "{} {}", one.energy_error, other.energy_error);
+    assert!(
+        one.energy_error < 1e-9 && other.energy_error < 1e-9,
+        "{} {}",
+        one.energy_error,
+        other.energy_error
+    );
     assert!(rows.rows.iter().any(|r| r.energy[2].abs() > 0.1));
 }
 
@@ -250,10 +266,13 @@ fn starts_and_motions_that_do_not_fit_are_refused() {
     assert!(with("[[motion]]\njoint = \"a\"").contains("no function of time"));
     assert!(with("[[motion]]\njoint = \"a\"\nposition = 0\nvelocity = 0").contains("position and velocity"));
     assert!(with("[[motion]]\njoint = \"a\"\nposition = [[0, 0], [1, 1]]").contains("rate jumps"));
-    assert!(with("[[motion]]\njoint = \"a\"\nposition = \"abs(t - 0.5)\"").contains("rate that jumps at t = 0.5"));
+    assert!(
+        with("[[motion]]\njoint = \"a\"\nposition = \"abs(t - 0.5)\"").contains("rate that jumps at t = 0.5")
+    );
     assert!(with("[[motion]]\njoint = \"c\"\nposition = 0.4").contains("q.c"));
     assert!(
-        with("[[motion]]\njoint = \"a\"\nposition = 0\n[[motion]]\njoint = \"a\"\nvelocity = 0").contains("second motion")
+        with("[[motion]]\njoint = \"a\"\nposition = 0\n[[motion]]\njoint = \"a\"\nvelocity = 0")
+            .contains("second motion")
     );
     let closed = four_bar("", "t_end = 1", "");
     assert!(errors(&closed.replace("kind = \"revolute\"", "kind = \"hinge\"")).contains("revolute"));
@@ -262,17 +281,4 @@ fn starts_and_motions_that_do_not_fit_are_refused() {
     assert!(errors(&moved).contains("motion along `rz`"), "{}", errors(&moved));
     let far = closed.replace("xyz = [0.8, 0, 0]", "xyz = [3, 0, 0]");
     assert!(errors(&far).contains("cannot be closed"), "{}", errors(&far));
-}
-
-#[test]
-fn zz_debug() {
-    let Ok(name) = std::env::var("DBG_SCENE") else { return };
-    let given: Vec<String> = std::env::var("DBG_SET").unwrap_or_default().split(';').filter(|s| !s.is_empty()).map(String::from).collect();
-    let mut scene = scene::load(&examples().join(format!("{name}.toml")), &given).unwrap();
-    let mut recording = Recording::default();
-    let summary = run(&mut scene.simulation, &mut recording);
-    for (i, s) in recording.steps.iter().enumerate().take(400) {
-        println!("{i} {:.9} {:.3e} {:?}", s.t, if i > 0 { s.t - recording.steps[i - 1].t } else { s.t }, s.imbalance[0]);
-    }
-    println!("{summary:?}");
 }

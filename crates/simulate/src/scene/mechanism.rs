@@ -110,7 +110,10 @@ pub(crate) fn read(
         builder = builder.closure(read.closure.clone());
     }
     // The reader of a URDF file has checked it; only what was added here can be new.
-    if (has_bodies || !closures.is_empty()) && report.errors.is_empty() && reports.iter().all(|r: &Report| r.errors.is_empty()) {
+    if (has_bodies || !closures.is_empty())
+        && report.errors.is_empty()
+        && reports.iter().all(|r: &Report| r.errors.is_empty())
+    {
         for violation in builder.check() {
             let place = violation.subject.to_string();
             let line = match violation.subject {

@@ -116,7 +116,14 @@ pub(crate) fn read(
     let molecule = Molecule::new(torsion, seed);
     let force = Box::new(PotentialForce::new("force field", forces));
     let molecule = Some(MoleculeScene { molecule, force, start });
-    Ok(Mechanism { model, files, reports, friction_speed: JointDissipation::SPEED, moving: Vec::new(), molecule })
+    Ok(Mechanism {
+        model,
+        files,
+        reports,
+        friction_speed: JointDissipation::SPEED,
+        moving: Vec::new(),
+        molecule,
+    })
 }
 
 /// A strained start is told, and minimisation made where it was asked for; false where there is no start.

@@ -107,7 +107,8 @@ pub(crate) fn course_from_node(
     let value = Expression::parse(text, &["t"], &[("pi", PI)]).ok()?;
     let (rate, breaks) = (value.derivative("t"), position.breaks());
     let second = rate.derivative("t");
-    let velocity = Signal::function(move |t| rate.value(&[t]), move |t| second.value(&[t])).with_breaks(breaks);
+    let velocity =
+        Signal::function(move |t| rate.value(&[t]), move |t| second.value(&[t])).with_breaks(breaks);
     for (signal, what) in [(&position, "jumps"), (&velocity, "has a rate that jumps")] {
         if let Some(t) = jump(signal) {
             let remedy = "round the corner, for example with 3*s^2 - 2*s^3";
@@ -150,7 +151,8 @@ pub(crate) fn acceleration(
 fn jump(signal: &Signal) -> Option<f64> {
     signal.breaks().into_iter().find(|&t| {
         let (before, after) = (signal.value(t.next_down()), signal.value(t));
-        !((after - before).abs() <= 1e-9 * (1.0 + before.abs().max(after.abs())))
+        let difference = (after - before).abs();
+        difference.is_nan() || difference > 1e-9 * (1.0 + before.abs().max(after.abs()))
     })
 }
 

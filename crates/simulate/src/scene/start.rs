@@ -13,9 +13,8 @@ const LARGEST_DIFFERENCE: f64 = 1e-6;
 /// held; otherwise the given numbers must close the loops up to rounding.
 pub(crate) fn settle(simulation: &mut Simulation, start: &Start, report: &mut Report) {
     follow(simulation, start, report);
-    let wrong = |found: String, required: &str, remedy: &str| {
-        Problem::new(None, "initial", found, required, remedy)
-    };
+    let wrong =
+        |found: String, required: &str, remedy: &str| Problem::new(None, "initial", found, required, remedy);
     if start.assemble {
         match assemble(simulation, start) {
             Ok((how, state)) => {
@@ -34,11 +33,11 @@ pub(crate) fn settle(simulation: &mut Simulation, start: &Start, report: &mut Re
         Ok(Some([position, velocity])) => {
             let remedy = "add `assemble = true` to [initial], or correct the numbers";
             let speed = v.iter().fold(1.0f64, |most, x| most.max(x.abs()));
-            if !(position <= LARGEST_OPENING) {
+            if position.is_nan() || position > LARGEST_OPENING {
                 let found = format!("closures are open by {position:e} m or rad");
                 let required = format!("at most {LARGEST_OPENING:e}");
                 report.errors.push(wrong(found, &required, remedy));
-            } else if !(velocity <= LARGEST_OPENING * speed) {
+            } else if velocity.is_nan() || velocity > LARGEST_OPENING * speed {
                 let found = format!("velocities open the closures at {velocity:e} m/s or rad/s");
                 let required = format!("at most {:e}", LARGEST_OPENING * speed);
                 report.errors.push(wrong(found, &required, remedy));
@@ -60,7 +59,8 @@ fn follow(simulation: &mut Simulation, start: &Start, report: &mut Report) {
         for ((difference, named), what) in differences.iter().zip(&start.named).zip(["q", "v"]) {
             if active && named[i] && difference.abs() > LARGEST_DIFFERENCE {
                 let joint = &model.joints()[model.joint_of_velocity(i).0].name;
-                let found = format!("{what}.{joint} differs by {difference:e} from the [[motion]] of the joint");
+                let found =
+                    format!("{what}.{joint} differs by {difference:e} from the [[motion]] of the joint");
                 let required = "what the motion says at t = 0";
                 let remedy = format!("remove {what}.{joint} from [initial]");
                 report.errors.push(Problem::new(None, "initial", found, required, remedy));
