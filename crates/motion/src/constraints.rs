@@ -13,7 +13,7 @@ use crate::system::Projected;
 use phipsi_closure::{ClosedDynamics, ClosureError, ClosureMotion, Conditions, Prescribed};
 use phipsi_model::Model;
 use phipsi_recursion::DynamicsError;
-use phipsi_spatial::Wrench;
+use phipsi_spatial::{Dd, Wrench};
 
 /// The solver of a model with closures, prescribed motions, or both.
 pub(crate) struct Constraints {
@@ -29,12 +29,91 @@ pub(crate) struct Constraints {
     /// T with the actuators' forces.
     forces: Vec<f64>,
     rates: Vec<f64>,
-    /// The smallest pivot since it was asked for.
-    sharpest: f64,
+    /// The same in double-double, near singular positions; none without closures.
+    wide: Option<Box<Wide>>,
 }
 
-/// Below this pivot, over the scale of its loop, a state counts as near a singular position.
-const SINGULAR: f64 = 1e-2;
+/// Below this pivot σ, over the scale of its loop, a state is near a singular position of the closures. There, rounding of q and
+/// v that leaves the closures by ε makes accelerations of ε v²/σ², which error control would take for errors of the method.
+const NEAR_SINGULAR: f64 = 0.05;
+
+/// A residual that rounding of given numbers explains, m or rad.
+const ROUNDING: f64 = 1e-13;
+
+/// Accelerations near singular positions: state projected and equations solved in double-double.
+struct Wide {
+    closed: ClosedDynamics<Dd>,
+    model: Model,
+    q: Vec<Dd>,
+    v: Vec<Dd>,
+    tau: Vec<Dd>,
+    out: Vec<Dd>,
+    acceleration: Vec<Dd>,
+    gamma: [Vec<Dd>; 3],
+    wrenches: Vec<Wrench<Dd>>,
+}
+
+impl Wide {
+    fn new(model: &Model) -> Result<Self, ClosureError> {
+        let closed = ClosedDynamics::new(model)?;
+        let zeros = |n: usize| vec![Dd::from_f64(0.0); n];
+        Ok(Wide {
+            model: model.clone(),
+            q: zeros(model.nq()),
+            v: zeros(model.nv()),
+            tau: zeros(model.nv()),
+            out: zeros(model.nv()),
+            acceleration: zeros(model.nv()),
+            gamma: std::array::from_fn(|_| zeros(closed.rows())),
+            wrenches: vec![Wrench::zero(); model.len()],
+            closed,
+        })
+    }
+    /// Accelerations on the closures next to the state; `out` stays as it is if there is no such place.
+    fn run(
+        &mut self,
+        (q, v): (&[f64], &[f64]),
+        tau: &[f64],
+        conditions: &Conditions<'_, f64>,
+        out: &mut [f64],
+    ) {
+        let lift =
+            |to: &mut [Dd], from: &[f64]| to.iter_mut().zip(from).for_each(|(a, b)| *a = Dd::from_f64(*b));
+        lift(&mut self.q, q);
+        lift(&mut self.v, v);
+        lift(&mut self.tau, tau);
+        self.model.normalize(&mut self.q);
+        if let Some(given) = &conditions.motion {
+            let parts = [given.position, given.velocity, given.acceleration];
+            self.gamma.iter_mut().zip(parts).for_each(|(to, from)| lift(to, from));
+        }
+        if let Some(given) = &conditions.prescribed {
+            lift(&mut self.acceleration, given.acceleration);
+        }
+        for (to, from) in self.wrenches.iter_mut().zip(conditions.wrenches.unwrap_or_default()) {
+            *to = Wrench::from_array(from.to_array().map(Dd::from_f64));
+        }
+        let [position, velocity, acceleration] = &self.gamma;
+        let wide = Conditions {
+            wrenches: conditions.wrenches.map(|_| &self.wrenches[..]),
+            motion: conditions.motion.map(|_| ClosureMotion { position, velocity, acceleration }),
+            prescribed: conditions
+                .prescribed
+                .map(|given| Prescribed { active: given.active, acceleration: &self.acceleration }),
+        };
+        let placed = match self.closed.project_position(&mut self.q, &wide) {
+            // Redundant rows contradict the others by the rounding of the closures' frames: the others are closed.
+            Err(ClosureError::NotClosed { residual, .. }) if residual <= ROUNDING => Ok(()),
+            other => other.map(|_| ()),
+        };
+        let solved = placed
+            .and_then(|_| self.closed.project_velocity(&self.q, &mut self.v, &wide))
+            .and_then(|_| self.closed.run(&self.q, &self.v, &self.tau, &wide, &mut self.out).map(|_| ()));
+        if solved.is_ok() {
+            out.iter_mut().zip(&self.out).for_each(|(to, from)| *to = from.hi);
+        }
+    }
+}
 
 /// What the functions of time say at an instant.
 struct Held<'a> {
@@ -106,7 +185,7 @@ impl Constraints {
             lambda: vec![0.0; n],
             forces: vec![0.0; nv],
             rates: vec![0.0; n],
-            sharpest: f64::INFINITY,
+            wide: if n > 0 { Some(Box::new(Wide::new(model)?)) } else { None },
         }))
     }
     /// Degrees of freedom whose motion is given.
@@ -143,12 +222,13 @@ impl Constraints {
     ) -> Result<f64, ClosureError> {
         let mut forces = std::mem::take(&mut self.forces);
         let mut lambda = std::mem::take(&mut self.lambda);
+        let mut wide = self.wide.take();
         let (closed, held) = self.hold(t);
         let conditions = held.conditions(wrenches);
-        let (mut done, mut sharpest) = (0.0, f64::INFINITY);
+        let (mut done, mut pivot) = (0.0, f64::INFINITY);
         let mut solve = || {
             let mut solved = closed.run(q, v, tau, &conditions, v_dot)?;
-            sharpest = solved.info().smallest_pivot;
+            pivot = solved.info().smallest_pivot;
             if power && held.moves {
                 solved.closure_forces(&mut lambda)?;
                 done += lambda.iter().zip(&held.gamma[1]).map(|(l, rate)| l * rate).sum::<f64>();
@@ -161,8 +241,12 @@ impl Constraints {
             Ok(done)
         };
         let result = solve();
-        self.sharpest = self.sharpest.min(sharpest);
-        (self.forces, self.lambda) = (forces, lambda);
+        if pivot < NEAR_SINGULAR
+            && let Some(wide) = &mut wide
+        {
+            wide.run((q, v), tau, &conditions, v_dot);
+        }
+        (self.forces, self.lambda, self.wide) = (forces, lambda, wide);
         result
     }
     /// Puts prescribed coordinates where they are given, then the others onto the closures, with the least change in kinetic
@@ -174,40 +258,18 @@ impl Constraints {
         v: &mut [f64],
     ) -> Result<Projected, ClosureError> {
         self.follow(t, q, v);
-        let (mut position_rows, mut rates) =
-            (std::mem::take(&mut self.lambda), std::mem::take(&mut self.rates));
-        let result = self.project_rows(t, (q, v), &mut position_rows, &mut rates);
-        (self.lambda, self.rates) = (position_rows, rates);
-        result
-    }
-    fn project_rows(
-        &mut self,
-        t: f64,
-        (q, v): (&mut [f64], &mut [f64]),
-        position_rows: &mut [f64],
-        rates: &mut [f64],
-    ) -> Result<Projected, ClosureError> {
         let (closed, held) = self.hold(t);
         if closed.rows() == 0 {
             return Ok(Projected::default());
         }
         let conditions = held.conditions(None);
         let moved = closed.project_position(q, &conditions)?;
-        let position = moved.residual[1];
-        // Near a singular position a projection of rounding would multiply it by 1/σ.
-        let speed = v.iter().fold(0.0f64, |most, x| most.max(x.abs()));
-        let rounding = 32.0 * f64::EPSILON * closed.length().max(1.0) * speed;
-        closed.residual(q, Some(v), &conditions, position_rows, rates)?;
-        let velocity = largest(rates);
-        if velocity <= rounding {
-            return Ok(Projected { position, velocity, energy_removed: 0.0 });
-        }
         let turned = closed.project_velocity(q, v, &conditions)?;
-        Ok(Projected { position, velocity: turned.residual[1], energy_removed: turned.energy_removed })
-    }
-    /// True if an evaluation since the last call was near a singular position.
-    pub(crate) fn was_near_singular(&mut self) -> bool {
-        std::mem::replace(&mut self.sharpest, f64::INFINITY) < SINGULAR
+        Ok(Projected {
+            position: moved.residual[1],
+            velocity: turned.residual[1],
+            energy_removed: turned.energy_removed,
+        })
     }
     /// Puts prescribed coordinates where they are given.
     pub(crate) fn follow(&self, t: f64, q: &mut [f64], v: &mut [f64]) {

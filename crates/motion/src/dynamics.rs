@@ -499,13 +499,6 @@ impl System for Dynamics {
         Ok(())
     }
 
-    fn was_near_singular(&mut self) -> bool {
-        match &mut self.solver {
-            Solver::Tree(_) => false,
-            Solver::Constrained(c) => c.was_near_singular(),
-        }
-    }
-
     fn project(&mut self, t: f64, q: &mut [f64], v: &mut [f64]) -> Result<Option<Projected>, MotionError> {
         match &mut self.solver {
             Solver::Tree(_) => Ok(None),

@@ -306,7 +306,6 @@ impl Integrator {
         is_break: bool,
     ) -> Result<StepInfo, IntegrateError<S::Error>> {
         self.settle(system)?;
-        system.was_near_singular();
         self.latest = if is_break { limit.next_down() } else { f64::INFINITY };
         let t0 = self.state.t;
         let fixed = if let Method::Rk4 { step } = self.method { Some(step) } else { None };
@@ -347,7 +346,7 @@ impl Integrator {
                 return Err(IntegrateError::StepUnderflow { t: t0, h: trial, cause });
             }
             let t1 = if landing { limit } else { t0 + trial };
-            let mut refused = !(error <= 1.0);
+            let mut refused = error.is_nan() || error > 1.0;
             let mut projected = None;
             if !refused {
                 match self.arrive(system, t1) {
@@ -369,10 +368,7 @@ impl Integrator {
             self.state.counts[1] += 1;
             let (alpha, _) = self.step.controller();
             h = trial
-                * if system.was_near_singular() {
-                    // Whether a stage comes close to the singular position is chance: a much smaller step only stops before it.
-                    0.8
-                } else if error.is_finite() && error > 1.0 {
+                * if error.is_finite() && error > 1.0 {
                     (0.9 * error.powf(-alpha)).clamp(0.2, 0.9)
                 } else {
                     0.25

@@ -34,10 +34,6 @@ pub trait System {
         v_dot: &mut [f64],
         aux_dot: &mut [f64],
     ) -> Result<(), Self::Error>;
-    /// True if an evaluation since the last call was near a singular position, where rounding hides how errors fall with the step.
-    fn was_near_singular(&mut self) -> bool {
-        false
-    }
     /// Puts a state back onto what the system keeps exactly; `None` and no change where there is no such thing.
     ///
     /// # Errors

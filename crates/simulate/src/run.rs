@@ -536,9 +536,6 @@ impl System for Watched<'_> {
     ) -> Result<u64, MotionError> {
         self.dynamics.linearize(t, q, v, aux, out)
     }
-    fn was_near_singular(&mut self) -> bool {
-        self.dynamics.was_near_singular()
-    }
     fn project(&mut self, t: f64, q: &mut [f64], v: &mut [f64]) -> Result<Option<Projected>, MotionError> {
         self.dynamics.project(t, q, v)
     }

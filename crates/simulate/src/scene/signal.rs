@@ -151,7 +151,8 @@ pub(crate) fn acceleration(
 fn jump(signal: &Signal) -> Option<f64> {
     signal.breaks().into_iter().find(|&t| {
         let (before, after) = (signal.value(t.next_down()), signal.value(t));
-        !((after - before).abs() <= 1e-9 * (1.0 + before.abs().max(after.abs())))
+        let difference = (after - before).abs();
+        difference.is_nan() || difference > 1e-9 * (1.0 + before.abs().max(after.abs()))
     })
 }
 

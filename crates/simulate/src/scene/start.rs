@@ -33,11 +33,11 @@ pub(crate) fn settle(simulation: &mut Simulation, start: &Start, report: &mut Re
         Ok(Some([position, velocity])) => {
             let remedy = "add `assemble = true` to [initial], or correct the numbers";
             let speed = v.iter().fold(1.0f64, |most, x| most.max(x.abs()));
-            if !(position <= LARGEST_OPENING) {
+            if position.is_nan() || position > LARGEST_OPENING {
                 let found = format!("closures are open by {position:e} m or rad");
                 let required = format!("at most {LARGEST_OPENING:e}");
                 report.errors.push(wrong(found, &required, remedy));
-            } else if !(velocity <= LARGEST_OPENING * speed) {
+            } else if velocity.is_nan() || velocity > LARGEST_OPENING * speed {
                 let found = format!("velocities open the closures at {velocity:e} m/s or rad/s");
                 let required = format!("at most {:e}", LARGEST_OPENING * speed);
                 report.errors.push(wrong(found, &required, remedy));
