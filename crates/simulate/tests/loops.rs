@@ -286,13 +286,3 @@ fn starts_and_motions_that_do_not_fit_are_refused() {
     let far = closed.replace("xyz = [0.8, 0, 0]", "xyz = [3, 0, 0]");
     assert!(errors(&far).contains("cannot be closed"), "{}", errors(&far));
 }
-
-#[test]
-#[ignore = "half a minute without optimisation"]
-fn forty_four_bars_through_the_singular_pose() {
-    let summary = benchmark("n_four_bar_40", &["integrator.rtol=1e-10"]);
-    for (name, known) in [("B0_x", 0.410_901_153_762_945_2), ("B0_y", 0.911_679_900_972_080_7)] {
-        let found = summary.outputs.iter().find(|(n, _)| n == name).unwrap().1;
-        assert!((found - known).abs() <= 1e-8, "{name}: {found}");
-    }
-}
