@@ -26,7 +26,7 @@ def main():
             f"pose_a = {{ xyz = [1, 0, 0], rpy = [{-math.pi / 2!r}, 0, 0] }}\n"
             f'body_b = "crank{i + 1}"\npose_b = {{ xyz = [0, 0, 1], rpy = [{-math.pi / 2!r}, 0, 0] }}\n')
     out("[initial]\nv.a0 = 1\nassemble = true                 # finds the other velocities\n")
-    out(f'[integrator]\nt_end = {t_end:g}\nmethod = "dop853"\nrtol = 1e-11\n')
+    out(f'[integrator]\nt_end = {t_end:g}\nmethod = "dop853"\nrtol = 1e-12\n')
     out('[outputs]\nth = { joint = "a0" }\nthd = { joint = "a0", of = "v" }')
     out('B0_x = { body = "crank0", point = [0, 0, 1], axis = "x" }')
     out('B0_y = { body = "crank0", point = [0, 0, 1], axis = "z" }\n')

@@ -187,6 +187,12 @@ impl<T: Real> ClosedDynamics<T> {
             model: tree,
         })
     }
+    /// The same, where lengths and directions of the model are known to a relative error only: rows that are redundant but for it
+    /// count as redundant. For a wider scalar than the model's numbers have.
+    pub fn with_data_error(mut self, relative: f64) -> Self {
+        self.factors.data_error = relative;
+        self
+    }
     /// The tree, for algorithms that need no loops.
     pub fn layout(&self) -> &Layout<T> {
         &self.layout

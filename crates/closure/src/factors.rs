@@ -88,8 +88,10 @@ pub(crate) struct Factors<T: Scalar> {
     pub(crate) dropped: Vec<bool>,
     pub(crate) rank: Rank,
     passive: Vec<bool>,
-    /// The largest residual of all loops.
+    /// The largest residual of all loops, at least that of the given numbers.
     error: f64,
+    /// Relative error of the model's numbers.
+    pub(crate) data_error: f64,
     /// The weakest pivot, at most one, of an operation and of those that its blocks come from.
     sharp: Vec<f64>,
     /// The operation that each block comes from.
@@ -132,6 +134,7 @@ impl<T: Real> Factors<T> {
             rank: Rank { rank: 0, smallest: f64::INFINITY, gap: f64::INFINITY },
             passive: vec![true; layout.nv()],
             error: 0.0,
+            data_error: 0.0,
             sharp: vec![1.0; structure.operations.len()],
             origin: origins(structure),
         }
@@ -169,7 +172,7 @@ impl<T: Real> Factors<T> {
         self.redundant.clear();
         self.dropped.fill(false);
         self.rank = Rank { rank: 0, smallest: f64::INFINITY, gap: f64::INFINITY };
-        self.error = frames.errors.iter().fold(0.0, |most: f64, e| most.max(*e));
+        self.error = frames.errors.iter().fold(self.data_error, |most: f64, e| most.max(*e));
         // The ground comes last.
         let ground = layout.len();
         for k in (0..ground).rev().chain([ground]) {

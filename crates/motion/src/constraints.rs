@@ -37,6 +37,9 @@ pub(crate) struct Constraints {
 /// v that leaves the closures by ε makes accelerations of ε v²/σ², which error control would take for errors of the method.
 const NEAR_SINGULAR: f64 = 0.05;
 
+/// Relative error of a model's frames: a few roundings each.
+const DATA_ERROR: f64 = 16.0 * f64::EPSILON;
+
 /// A residual that rounding of given numbers explains, m or rad.
 const ROUNDING: f64 = 1e-13;
 
@@ -55,7 +58,7 @@ struct Wide {
 
 impl Wide {
     fn new(model: &Model) -> Result<Self, ClosureError> {
-        let closed = ClosedDynamics::new(model)?;
+        let closed = ClosedDynamics::new(model)?.with_data_error(DATA_ERROR);
         let zeros = |n: usize| vec![Dd::from_f64(0.0); n];
         Ok(Wide {
             model: model.clone(),
