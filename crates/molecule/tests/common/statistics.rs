@@ -70,7 +70,7 @@ pub fn p_value(x: &[f64], [low, high]: [f64; 2], bins: usize, density: impl Fn(f
     // Simpson's rule with 16 intervals in a bin.
     let integral = |bin: usize| -> f64 {
         let at = |i: usize| density(low + width * (bin as f64 + i as f64 / 16.0));
-        let weight = |i: usize| if i % 16 == 0 { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
+        let weight = |i: usize| if i.is_multiple_of(16) { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
         (0..=16).map(|i| weight(i) * at(i)).sum()
     };
     let expected: Vec<f64> = (0..bins).map(integral).collect();
