@@ -49,7 +49,10 @@ fn potential(strength: f64) -> impl FnMut(&[f64], &mut [f64]) -> Result<f64, Dyn
     }
 }
 
-const OBSERVED: [(&str, fn(&[f64]) -> f64); 5] = [
+/// A function of the coordinates.
+type Observable = fn(&[f64]) -> f64;
+
+const OBSERVED: [(&str, Observable); 5] = [
     ("⟨cos q1⟩", |q| q[0].cos()),
     ("⟨cos q2⟩", |q| q[1].cos()),
     ("⟨sin q2⟩", |q| q[1].sin()),
