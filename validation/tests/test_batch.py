@@ -62,6 +62,13 @@ METHODS = {
     "center_of_mass": lambda m, q, v, x: m.center_of_mass(q),
     "momentum": lambda m, q, v, x: m.momentum(q, v, about=x[..., :3]),
     "centroidal_momentum_matrix": lambda m, q, v, x: m.centroidal_momentum_matrix(q),
+    "hybrid_dynamics": lambda m, q, v, x: np.concatenate(
+        m.hybrid_dynamics(q, v, [i % 2 == 1 for i in range(m.nv)], x[..., 1::2], x[..., ::2]), axis=-1
+    ),
+    "log_determinant": lambda m, q, v, x: m.log_determinant(q),
+    "log_determinant_gradient": lambda m, q, v, x: m.log_determinant_gradient(q),
+    "articulated_inertias": lambda m, q, v, x: m.articulated_inertias(q),
+    "space_jacobian": lambda m, q, v, x: m.space_jacobian(q, "FL_LOWER_LEG", point=x[..., :3]),
     "wrenches": lambda m, q, v, x: m.forward_dynamics(q, v, x, wrenches={"FL_LOWER_LEG": x[..., :6]}),
     "info": lambda m, q, v, x: m.forward_dynamics(q, v, x, info=True)[1].backward_error,
 }
@@ -73,7 +80,10 @@ def test_every_method_is_here():
     methods = {n for n in methods if not n.startswith("_")}
     # Of models with loops, in test_loops.
     loops = {"close_loop", "assemble", "closure_residual", "closure_forces", "generalized_constraint_force"}
-    assert methods - configuration - loops == METHODS.keys() - {"wrenches", "info"}
+    # Of arms, in test_jacobians; of one configuration, in test_freeflight.
+    arms = {"inverse_kinematics", "jacobian_pseudo_inverse", "linearize", "operational_space_inertia", "sample_velocities"}
+    single = {"reactionless_basis"}
+    assert methods - configuration - loops - arms - single == METHODS.keys() - {"wrenches", "info"}
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -13,11 +13,11 @@ from .common import arm
 SEEDS = range(3)
 
 
-@pytest.fixture(params=["arm", "panda"])
+@pytest.fixture(params=["arm", "solo12"])
 def model(request):
     if request.param == "arm":
         return arm("free")
-    return phipsi.Model.from_urdf(robots.model_path(request.param), base="free")
+    return phipsi.Model.from_urdf(robots.model_path(request.param))
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -69,6 +69,9 @@ pub struct Run {
     pub steps: u64,
 }
 
+// Defaults of `run`, which Python shows only as numbers.
+const _: () = assert!(ensemble::FRICTION == 1.0 && ensemble::RELAXATION == 0.1);
+
 #[pymethods]
 impl Run {
     fn __repr__(&self) -> String {
@@ -219,8 +222,8 @@ impl TorsionModel {
     /// >>> r = t.run(100, dt_fs=10, ensemble="hmc", temperature_K=300, seed=1, fixman=True)
     /// >>> r.distribution, r.degrees_of_freedom, r.acceptance > 0.8
     /// ('stiff limit', 13, True)
-    #[pyo3(signature = (steps, dt_fs, ensemble = "nve", temperature_K = 300.0, friction_per_ps = ensemble::FRICTION, seed = 0,
-        fixman = false, trajectory = None, *, every = None, relaxation_ps = ensemble::RELAXATION, trajectory_steps = None))]
+    #[pyo3(signature = (steps, dt_fs, ensemble = "nve", temperature_K = 300.0, friction_per_ps = 1.0, seed = 0,
+        fixman = false, trajectory = None, *, every = None, relaxation_ps = 0.1, trajectory_steps = None))]
     #[allow(non_snake_case, clippy::too_many_arguments)]
     fn run(
         &self,
