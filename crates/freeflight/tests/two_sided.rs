@@ -263,9 +263,9 @@ fn the_choice_of_the_base_does_not_matter() {
             let want = first.get_or_insert_with(|| by_joint.clone());
             let size = want.iter().fold(1.0f64, |m, x| m.max(x.abs()));
             let error = want.iter().zip(&by_joint).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
-            // Poses of the new base round too: n·ε times the condition of an ordinary tree of twelve bodies.
+            // Poses of the new base round too; the largest seen is 6.
             let units = error / (size * n as f64 * f64::EPSILON);
-            assert!(units < 2000.0, "seed {seed}, base {r}: {error:e} of {size:e}, {units} n·ε");
+            assert!(units < 100.0, "seed {seed}, base {r}: {error:e} of {size:e}, {units} n·ε");
             worst = worst.max(units);
             world.get_or_insert((model, frames, q, v));
         }
