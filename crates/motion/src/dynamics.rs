@@ -3,90 +3,25 @@
 //! Auxiliary slots, in this order: the work of non-conservative forces (if the plan integrates it), the impulse of external
 //! forces (angular about the centre of mass, linear; world axes), then each force's own.
 
+mod error;
+mod linearization;
+
+pub use error::MotionError;
+use linearization::Tangent;
+
 use crate::constraints::Constraints;
 use crate::force::{Force, ForceError, Loads, Situation};
-use crate::force_rates::{LoadRates, PointRates};
 use crate::midpoint::Conservative;
 use crate::plan::Plan;
 use crate::prescription::Prescription;
 use crate::system::{Linearization, Projected, System, differences};
-use phipsi_closure::ClosureError;
 use phipsi_model::Model;
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{
-    DynamicsError, Form, FormChoice, FormForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics,
-    Kinematics, Layout, center_of_mass, potential_energy,
+    DynamicsError, Form, FormChoice, FormForwardDynamics, InverseDynamics, Kinematics, Layout,
+    center_of_mass, potential_energy,
 };
 use phipsi_spatial::{Vec3, Wrench};
-use std::fmt;
-
-/// Why accelerations could not be computed.
-#[derive(Clone, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum MotionError {
-    /// A recursion failed.
-    Dynamics(DynamicsError),
-    /// A force failed.
-    Force(ForceError),
-    /// The midpoint method was asked for with a force that has no potential energy.
-    NotConservative {
-        /// Its name.
-        force: String,
-    },
-    /// The loops of a model could not be closed or solved.
-    Closure(ClosureError),
-    /// A motion that is given for something that does not exist, or twice.
-    Prescription {
-        /// What is wrong.
-        what: String,
-    },
-    /// The midpoint method was asked for with closures or prescribed motions.
-    Constrained,
-}
-
-impl fmt::Display for MotionError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            MotionError::Dynamics(e) => e.fmt(f),
-            MotionError::Force(e) => e.fmt(f),
-            MotionError::NotConservative { force } => write!(
-                f,
-                "force `{force}` has no potential energy, which the midpoint method requires; \
-                 use an adaptive method, or remove the force"
-            ),
-            MotionError::Closure(e) => e.fmt(f),
-            MotionError::Prescription { what } => {
-                write!(f, "{what}; give one motion for each degree of freedom of a joint or row of a closure")
-            }
-            MotionError::Constrained => f.write_str(
-                "the midpoint method does not know closures and prescribed motions; use \"dop853\", \"tsit5\" or \"rk4\"",
-            ),
-        }
-    }
-}
-
-impl std::error::Error for MotionError {}
-
-impl From<DynamicsError> for MotionError {
-    fn from(e: DynamicsError) -> Self {
-        MotionError::Dynamics(e)
-    }
-}
-
-impl From<ClosureError> for MotionError {
-    fn from(e: ClosureError) -> Self {
-        match e {
-            ClosureError::Dynamics(e) => MotionError::Dynamics(e),
-            e => MotionError::Closure(e),
-        }
-    }
-}
-
-impl From<ForceError> for MotionError {
-    fn from(e: ForceError) -> Self {
-        MotionError::Force(e)
-    }
-}
 
 /// A mechanism with its forces.
 pub struct Dynamics {
@@ -529,56 +464,6 @@ impl System for Dynamics {
     }
 }
 
-/// Scratch of the linearisation.
-struct Tangent {
-    derivatives: ForwardDynamicsDerivatives<f64>,
-    inverse: Vec<f64>,
-    d_dq: Vec<f64>,
-    d_dv: Vec<f64>,
-    d_daux: Vec<f64>,
-    points: [PointRates; 2],
-}
-
-impl Tangent {
-    fn new(layout: &Layout<f64>, auxiliary: usize) -> Self {
-        let nv = layout.nv();
-        let square = || vec![0.0; nv * nv];
-        Tangent {
-            derivatives: ForwardDynamicsDerivatives::new(layout),
-            inverse: square(),
-            d_dq: square(),
-            d_dv: square(),
-            d_daux: vec![0.0; nv * auxiliary],
-            points: [PointRates::new(layout), PointRates::new(layout)],
-        }
-    }
-}
-
-/// The loads without forward dynamics: accelerations are zeros.
-struct LoadsOnly<'a>(&'a mut Dynamics);
-
-impl System for LoadsOnly<'_> {
-    type Error = MotionError;
-    fn model(&self) -> &Model {
-        &self.0.model
-    }
-    fn auxiliary_len(&self) -> usize {
-        self.0.names.len()
-    }
-    fn derivative(
-        &mut self,
-        t: f64,
-        q: &[f64],
-        v: &[f64],
-        aux: &[f64],
-        v_dot: &mut [f64],
-        aux_dot: &mut [f64],
-    ) -> Result<(), MotionError> {
-        v_dot.fill(0.0);
-        self.0.collect(t, (q, v, aux), aux_dot)
-    }
-}
-
 /// Weight and conservative forces, for the midpoint method.
 impl Conservative for Dynamics {
     type Error = MotionError;
@@ -599,81 +484,6 @@ impl Conservative for Dynamics {
 }
 
 impl Dynamics {
-    /// A_q, A_v, A_a from the derivatives of forward dynamics and of the forces; false if a force has none.
-    ///
-    /// ∂v̇ = ∂v̇ at fixed loads + M⁻¹ ∂loads.
-    fn analytic(
-        &mut self,
-        t: f64,
-        (q, v, aux): (&[f64], &[f64], &[f64]),
-        out: &mut Linearization,
-    ) -> Result<bool, MotionError> {
-        let (nv, na) = (v.len(), aux.len());
-        let mut aux_dot = std::mem::take(&mut self.aux_dot);
-        aux_dot.resize(na, 0.0);
-        let collected = self.collect(t, (q, v, aux), &mut aux_dot);
-        self.aux_dot = aux_dot;
-        collected?;
-        let tangent = self.tangent.get_or_insert_with(|| Tangent::new(&self.layout, na));
-        for rates in [&mut tangent.d_dq, &mut tangent.d_dv, &mut tangent.d_daux] {
-            rates.fill(0.0);
-        }
-        let kinematics = self.plan.kinematics.then_some(&self.kinematics);
-        let at = Situation { model: &self.model, layout: &self.layout, t, q, v, kinematics };
-        for (i, force) in self.forces.iter_mut().enumerate() {
-            let mut rates = LoadRates {
-                d_dq: &mut tangent.d_dq,
-                d_dv: &mut tangent.d_dv,
-                d_daux: &mut tangent.d_daux,
-                nv,
-                auxiliary: na,
-                slot: self.slots[i],
-                own: &aux[self.slots[i]..self.slots[i + 1]],
-                points: &mut tangent.points,
-            };
-            if !force.add_rates(&at, &mut rates) {
-                return Ok(false);
-            }
-        }
-        let wrenches = self.plan.wrenches.then_some(&self.wrenches[..]);
-        let Linearization { a_q, a_v, a_aux, .. } = out;
-        let Tangent { derivatives, inverse, d_dq, d_dv, d_daux, .. } = tangent;
-        derivatives.run(&self.layout, q, v, &self.tau, wrenches, a_q, a_v, inverse)?;
-        a_aux.fill(0.0);
-        for (rates, columns, out) in [(d_dq, nv, a_q), (d_dv, nv, a_v), (d_daux, na, a_aux)] {
-            for k in 0..nv {
-                let row = &rates[k * columns..(k + 1) * columns];
-                // Most generalised forces of a large tree have no force on them.
-                if row.iter().all(|x| *x == 0.0) {
-                    continue;
-                }
-                for i in 0..nv {
-                    let weight = inverse[i * nv + k];
-                    let out = &mut out[i * columns..(i + 1) * columns];
-                    out.iter_mut().zip(row).for_each(|(out, x)| *out += weight * x);
-                }
-            }
-        }
-        Ok(true)
-    }
-
-    /// G: derivatives of the rates of auxiliary quantities, by central differences of the loads alone.
-    fn auxiliary_rates(
-        &mut self,
-        t: f64,
-        (q, v, aux): (&[f64], &[f64], &[f64]),
-        out: &mut Linearization,
-    ) -> Result<(), MotionError> {
-        let (nv, na) = (v.len(), aux.len());
-        let mut loads = LoadsOnly(self);
-        let mut scratch = std::mem::replace(out, Linearization::new(0, 0));
-        let mut whole = Linearization::new(nv, na);
-        let result = differences(&mut loads, t, (q, v, aux), &mut whole);
-        (scratch.g_q, scratch.g_v, scratch.g_aux) = (whole.g_q, whole.g_v, whole.g_aux);
-        *out = scratch;
-        result.map(|_| ())
-    }
-
     fn evaluate_at(&mut self, q: &[f64], rest: &[f64], out: &mut [f64]) -> Result<f64, MotionError> {
         self.tau.iter_mut().for_each(|x| *x = 0.0);
         self.wrenches.iter_mut().for_each(|w| *w = Wrench::zero());

@@ -1,0 +1,74 @@
+//! What can go wrong in the equations of motion.
+
+use crate::force::ForceError;
+use phipsi_closure::ClosureError;
+use phipsi_recursion::DynamicsError;
+use std::fmt;
+
+/// Why accelerations could not be computed.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum MotionError {
+    /// A recursion failed.
+    Dynamics(DynamicsError),
+    /// A force failed.
+    Force(ForceError),
+    /// The midpoint method was asked for with a force that has no potential energy.
+    NotConservative {
+        /// Its name.
+        force: String,
+    },
+    /// The loops of a model could not be closed or solved.
+    Closure(ClosureError),
+    /// A motion that is given for something that does not exist, or twice.
+    Prescription {
+        /// What is wrong.
+        what: String,
+    },
+    /// The midpoint method was asked for with closures or prescribed motions.
+    Constrained,
+}
+
+impl fmt::Display for MotionError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            MotionError::Dynamics(e) => e.fmt(f),
+            MotionError::Force(e) => e.fmt(f),
+            MotionError::NotConservative { force } => write!(
+                f,
+                "force `{force}` has no potential energy, which the midpoint method requires; \
+                 use an adaptive method, or remove the force"
+            ),
+            MotionError::Closure(e) => e.fmt(f),
+            MotionError::Prescription { what } => {
+                write!(f, "{what}; give one motion for each degree of freedom of a joint or row of a closure")
+            }
+            MotionError::Constrained => f.write_str(
+                "the midpoint method does not know closures and prescribed motions; use \"dop853\", \"tsit5\" or \"rk4\"",
+            ),
+        }
+    }
+}
+
+impl std::error::Error for MotionError {}
+
+impl From<DynamicsError> for MotionError {
+    fn from(e: DynamicsError) -> Self {
+        MotionError::Dynamics(e)
+    }
+}
+
+impl From<ClosureError> for MotionError {
+    fn from(e: ClosureError) -> Self {
+        match e {
+            ClosureError::Dynamics(e) => MotionError::Dynamics(e),
+            e => MotionError::Closure(e),
+        }
+    }
+}
+
+impl From<ForceError> for MotionError {
+    fn from(e: ForceError) -> Self {
+        MotionError::Force(e)
+    }
+}
