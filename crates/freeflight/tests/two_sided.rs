@@ -28,7 +28,7 @@ fn lost(case: &Case) -> f64 {
     let q = widened(&case.q);
     let m = phipsi_reference::mass_matrix(&case.model, &q);
     let inverse = phipsi_reference::mass_matrix_inverse(&case.model, &q).unwrap();
-    (0..case.model.nv()).map(|i| (m[(i, i)] * inverse[(i, i)]).hi).fold(1.0, f64::max).powi(2)
+    (0..case.model.nv()).map(|i| (m[(i, i)] * inverse[(i, i)]).hi).fold(1.0, f64::max)
 }
 
 fn pattern(seed: u64, layout: &Layout<Dd>) -> Vec<bool> {
@@ -63,7 +63,7 @@ fn every_body_by_itself_agrees_with_the_dense_equations() {
         for body in layout.bodies().iter().filter(|b| b.parent == phipsi_recursion::layout::GROUND) {
             driven[body.v..body.v + 6].fill(false);
         }
-        let allowed = 1e4 * Dd::EPSILON * nv as f64 * lost(&case);
+        let allowed = 1e2 * Dd::EPSILON * nv as f64 * lost(&case);
         for active in [vec![false; nv], mixed, driven] {
             let (mut got_a, mut got_tau) = (a.clone(), tau.clone());
             work.run(&layout, &q, &v, &active, &mut got_a, &mut got_tau, Some(&wrenches)).unwrap();
@@ -91,8 +91,9 @@ fn rounding_is_that_of_the_condition() {
             phipsi_reference::forward_dynamics(&case.model, &q, &v, &widened(&case.tau), None).unwrap();
         let size = want.iter().fold(1.0f64, |m, x| m.max(x.abs().hi));
         let error = a.iter().zip(&want).map(|(x, y)| (wide(*x) - *y).abs().hi).fold(0.0, f64::max);
-        let units = error / (nv as f64 * f64::EPSILON * size * lost(&case));
-        assert!(units <= 10.0, "PHIPSI_SEED={seed}: {units} n·ε·κ");
+        // The condition once for what the pivots of both sequences lose, once for the 6 × 6 systems; with one of them seeds reach 40.
+        let units = error / (nv as f64 * f64::EPSILON * size * lost(&case).powi(2));
+        assert!(units <= 4.0, "PHIPSI_SEED={seed}: {units} n·ε·κ²");
         worst = worst.max(units);
     }
     println!("two-sided forward dynamics: at most {worst:.2} n·ε·κ²");
@@ -122,7 +123,7 @@ fn inertias_of_all_bodies_from_one_pass() {
             let inertia = DMatrix::from_fn(6, 6, |i, j| felt.to_rows()[i][j]);
             let product = &inertia * &mobility;
             let size = |m: &DMatrix<Dd>| m.iter().fold(0.0f64, |s, x| s.max(x.abs().hi));
-            let allowed = 1e4 * Dd::EPSILON * lost(&case) * size(&inertia) * size(&mobility);
+            let allowed = 1e2 * Dd::EPSILON * lost(&case) * size(&inertia) * size(&mobility);
             let error = size(&(product - DMatrix::identity(6, 6)));
             assert!(error <= allowed, "body {body}, PHIPSI_SEED={seed}: {error:e}, allowed {allowed:e}");
         }
