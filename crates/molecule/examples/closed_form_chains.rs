@@ -6,10 +6,10 @@
 //! are drawn in threads, each with a stream of its own, so that the numbers do not depend on how many threads run.
 
 #[path = "../tests/common/chains.rs"]
-#[allow(dead_code)]
+#[allow(dead_code)] // the tests use the rest
 mod chains;
 #[path = "../tests/common/statistics.rs"]
-#[allow(dead_code)]
+#[allow(dead_code)] // the tests use the rest
 mod statistics;
 
 use chains::*;

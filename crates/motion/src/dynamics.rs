@@ -3,12 +3,6 @@
 //! Auxiliary slots, in this order: the work of non-conservative forces (if the plan integrates it), the impulse of external
 //! forces (angular about the centre of mass, linear; world axes), then each force's own.
 
-mod error;
-mod linearization;
-
-pub use error::MotionError;
-use linearization::Tangent;
-
 use crate::constraints::Constraints;
 use crate::force::{Force, ForceError, Loads, Situation};
 use crate::midpoint::Conservative;
@@ -22,6 +16,12 @@ use phipsi_recursion::{
     center_of_mass, potential_energy,
 };
 use phipsi_spatial::{Vec3, Wrench};
+
+mod error;
+mod linearization;
+
+pub use error::MotionError;
+use linearization::Tangent;
 
 /// A mechanism with its forces.
 pub struct Dynamics {
