@@ -102,7 +102,7 @@ impl<T: Scalar> HybridDynamics<T> {
     ///     .gravity([0.0, 0.0, -10.0])
     ///     .build()?;
     /// let layout = Layout::<f64>::new(&model);
-    /// let (a, tau) = hybrid_dynamics(&layout, &[0.0; 2], &[0.0; 2], &[true, false], &[3.0, 0.0], &[0.0; 2], None)?;
+    /// let (a, tau) = hybrid_dynamics(&layout, &[0.0_f64; 2], &[0.0; 2], &[true, false], &[3.0, 0.0], &[0.0; 2], None)?;
     /// assert!((a[1] - 3.0).abs() < 1e-14); // the mass stays where it is
     /// assert!((tau[0] - 6.0).abs() < 1e-14); // only the cart is driven
     /// # Ok::<(), Box<dyn std::error::Error>>(())

@@ -64,7 +64,7 @@ pub fn log_determinant<T: Real>(layout: &Layout<T::Constant>, q: &[T]) -> Result
 ///     .body(Body::flexible("boom", Beam::new(1.0, section).bending([2, 0]).build()))
 ///     .joint(Joint::new("root", JointKind::Revolute { axis: [0.0, 0.0, 1.0] }), "world", "boom")
 ///     .build()?;
-/// let gradient = log_determinant_gradient(&Layout::<f64>::new(&model), &vec![0.0; model.nq()])?;
+/// let gradient = log_determinant_gradient(&Layout::<f64>::new(&model), &vec![0.0_f64; model.nq()])?;
 /// // A straight boom: turning changes nothing, and bending to either side the same.
 /// assert!(gradient.iter().all(|x| x.abs() < 1e-12));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
