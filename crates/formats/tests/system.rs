@@ -1,6 +1,5 @@
 //! Systems of OpenMM: every force, every kind of mistake, and files broken at random.
 
-#[path = "system/mutation.rs"]
 mod mutation;
 
 use phipsi_formats::report::{Loaded, Report};

@@ -1,6 +1,5 @@
 //! URDF: every joint type, every element; in `mistakes` every kind of mistake.
 
-#[path = "urdf/mistakes.rs"]
 mod mistakes;
 
 use phipsi_formats::report::{Loaded, Report};

@@ -8,10 +8,8 @@
 //! Formulas: data on constrained chains (derivation there). A rod of two beads has no inertia about itself; it is given one,
 //! which multiplies det M by a constant, so that ball joints can carry the chain.
 
-mod common;
-
-use common::chains::*;
-use common::statistics::{check_mean, correlation, p_value};
+use crate::common::chains::*;
+use crate::common::statistics::{check_mean, correlation, p_value};
 use phipsi_model::Model;
 use phipsi_molecule::FixmanPotential;
 use phipsi_recursion::{ArticulatedSweep, Layout};

@@ -1,11 +1,9 @@
 //! Langevin, Nosé–Hoover and hybrid Monte Carlo against averages by quadrature and against each other; the conserved
 //! quantities, continuation bit for bit, and what is refused.
 
-mod common;
-
+use crate::common::molecule;
+use crate::common::statistics::{check_mean, mean, p_value};
 use allocation_counter::measure;
-use common::molecule;
-use common::statistics::{check_mean, mean, p_value};
 use phipsi_model::{Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement};
 use phipsi_molecule::{
     BOLTZMANN, Bath, Clustering, Clusters, Ensemble, FixmanPotential, ForceField, MolecularForces,
@@ -148,7 +146,7 @@ fn an_arm_without_forces_has_its_marginals_with_and_without_fixman() {
 
 /// ∫_{5.5}^∞ √K e^(−K) dK.
 fn tail() -> f64 {
-    common::statistics::upper_gamma(1.5, 5.5) * 0.5 * std::f64::consts::PI.sqrt()
+    crate::common::statistics::upper_gamma(1.5, 5.5) * 0.5 * std::f64::consts::PI.sqrt()
 }
 
 /// Averages of an arm in a potential, and moments of K, by all methods against the quadrature.

@@ -1,8 +1,6 @@
 //! Minimisation in torsions, and the announcement of strained starts.
 
-mod common;
-
-use common::molecule;
+use crate::common::molecule;
 use phipsi_molecule::{
     Clustering, Clusters, ForceField, MinimizeOptions, MolecularForces, Potential, PotentialError,
     TorsionModel, minimize, strain,

@@ -1,11 +1,9 @@
 //! Molecules at constant energy by the midpoint method: order of the energy noise, reversibility, drift.
 //!
-//! `PHIPSI_PICOSECONDS=100 cargo test --release -p phipsi-molecule --test nve -- --nocapture` prints the noise of longer runs.
+//! `PHIPSI_PICOSECONDS=100 cargo test --release -p phipsi-molecule --test all nve -- --nocapture` prints the noise of longer runs.
 
-mod common;
-
+use crate::common::molecule;
 use allocation_counter::measure;
-use common::molecule;
 use phipsi_molecule::{
     Clustering, Clusters, Deviates, ForceField, MolecularForces, PotentialForce, TorsionModel, draw_momenta,
     temperature,

@@ -1,9 +1,7 @@
 //! The torsion model against brute-force references: clusters, mass matrix, ln det M, generalised forces, bias,
 //! accelerations; `PHIPSI_MOLECULES` names a folder with more of them.
 
-mod common;
-
-use common::{MOLECULES, find, folders, index, indices, json, list, number, numbers, vectors, word};
+use crate::common::{MOLECULES, find, folders, index, indices, json, list, number, numbers, vectors, word};
 use phipsi_model::{JointKind, Random};
 use phipsi_molecule::{Atoms, BondKind, Clustering, Clusters, Hinges, MoleculeErrors, TorsionModel};
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
@@ -80,7 +78,7 @@ fn hinges_and_their_kinds_are_those_of_the_references() {
                 continue;
             }
             let count = list(&reference["atoms"]["name"]).len();
-            let atoms = common::atoms(&reference, vec![1.0; count]);
+            let atoms = crate::common::atoms(&reference, vec![1.0; count]);
             let positions = vectors(&reference["conformations"][0]["positions"]);
             let clusters = Clusters::new(&atoms, &positions, &Clustering::default()).unwrap();
             let sorted = |i: usize, j: usize| (i.min(j), i.max(j));
@@ -166,7 +164,7 @@ struct Worst {
 #[test]
 fn models_agree_with_brute_force() {
     for (name, model_reference, reference) in references() {
-        let atoms = common::atoms(&reference, numbers(&model_reference["mass"]));
+        let atoms = crate::common::atoms(&reference, numbers(&model_reference["mass"]));
         for (kind, want) in model_reference["models"].as_object().unwrap() {
             let mut worst = Worst::default();
             for state in list(&want["conformations"]) {
@@ -190,7 +188,7 @@ fn models_agree_with_brute_force() {
 }
 
 fn compare(atoms: &Atoms, want: &Value, state: &Value, reference: &Value, kind: &str, worst: &mut Worst) {
-    let structure = common::conformation(reference, word(&state["id"]));
+    let structure = crate::common::conformation(reference, word(&state["id"]));
     let positions = vectors(&structure["positions"]);
     let clusters = Clusters::new(atoms, &positions, &clustering(kind)).unwrap();
     let their_clusters: BTreeSet<_> = list(&want["clusters"]).iter().map(indices).collect();
@@ -286,7 +284,7 @@ fn compare(atoms: &Atoms, want: &Value, state: &Value, reference: &Value, kind: 
 /// A molecule of the tests with its default model.
 fn default_model(name: &str) -> (TorsionModel, Value) {
     let (_, model, reference) = references().into_iter().find(|(n, ..)| n == name).unwrap();
-    let atoms = common::atoms(&reference, numbers(&model["mass"]));
+    let atoms = crate::common::atoms(&reference, numbers(&model["mass"]));
     let positions = vectors(&reference["conformations"][0]["positions"]);
     let clusters = Clusters::new(&atoms, &positions, &Clustering::default()).unwrap();
     (TorsionModel::new(&atoms, &positions, clusters).unwrap(), reference)
@@ -324,7 +322,7 @@ fn turned_conformations_are_reached() {
     for name in MOLECULES {
         let (torsion, reference) = default_model(name);
         for id in ["torsion1", "torsion2"] {
-            let positions = vectors(&common::conformation(&reference, id)["positions"]);
+            let positions = vectors(&crate::common::conformation(&reference, id)["positions"]);
             let (q, away) = torsion.coordinates(&positions).unwrap();
             let hinges = torsion.clusters().hinges.len();
             let turned = (0..hinges).filter(|&h| {
@@ -339,7 +337,7 @@ fn turned_conformations_are_reached() {
         let mut broken = torsion.positions(&torsion.model().neutral()).unwrap();
         broken[1].0[0] = f64::NAN;
         assert_eq!(torsion.coordinates(&broken).unwrap().1, f64::INFINITY);
-        let strained = vectors(&common::conformation(&reference, "md")["positions"]);
+        let strained = vectors(&crate::common::conformation(&reference, "md")["positions"]);
         assert!(torsion.coordinates(&strained).unwrap().1 > 1e-3, "{name}");
     }
 }
@@ -480,7 +478,7 @@ fn several_molecules_have_a_base_each() {
     let folder = &folders()[0];
     let reference = json(&find(folder, "aladi_water_ions", "ref.json").unwrap());
     let count = list(&reference["atoms"]["name"]).len();
-    let atoms = common::atoms(&reference, vec![12.0; count]);
+    let atoms = crate::common::atoms(&reference, vec![12.0; count]);
     let positions = vectors(&reference["conformations"][0]["positions"]);
     let torsion = whole(&atoms, &positions, &Clustering::default()).unwrap();
     // 6 + 7 torsions, four waters, two ions.

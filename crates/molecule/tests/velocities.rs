@@ -1,8 +1,6 @@
 //! Deviates and Maxwell–Boltzmann velocities: reproducibility, moments, covariance, equipartition.
 
-mod common;
-
-use common::molecule;
+use crate::common::molecule;
 use phipsi_molecule::{
     BOLTZMANN, Clustering, Clusters, Deviates, TorsionModel, draw_momenta, draw_velocities, temperature,
 };

@@ -1,7 +1,6 @@
 //! Motions with closed forms: the pendulum, torque-free bodies, and a two-body spacecraft that turns by zero angular momentum.
 
-mod common;
-use common::*;
+use crate::common::*;
 use phipsi_model::{Body, Inertia, Joint, JointKind, ModelBuilder, Placement};
 use phipsi_motion::forces::JointTorque;
 use phipsi_motion::{Method, Signal};

@@ -1,8 +1,6 @@
 //! Simulations with flexible bodies: energy and momentum to rounding and the integrator's error, damping as work.
 
-mod common;
-
-use common::run;
+use crate::common::run;
 use phipsi_model::{
     Base, Beam, Body, FlexibleBody, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Section,
 };

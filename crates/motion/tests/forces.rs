@@ -1,7 +1,6 @@
 //! Balances of energy and momentum under every force model, and the plan against the general code.
 
-mod common;
-use common::*;
+use crate::common::*;
 use phipsi_model::{Body, Inertia, Joint, JointKind, Limits, Model, ModelBuilder, Placement};
 use phipsi_motion::forces::{
     BodyWrench, Control, JointDissipation, JointSpring, JointTorque, PointSpring, Servo, WrenchAxes,

@@ -1,7 +1,6 @@
 //! Orders, dense output, checkpoints and error estimates of the integrators.
 
-mod common;
-use common::*;
+use crate::common::*;
 use phipsi_model::State;
 use phipsi_motion::{Dynamics, Integrator, JudgedRun, Method, System, Tolerances, estimate_error};
 

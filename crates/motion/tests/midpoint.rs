@@ -1,9 +1,7 @@
 //! The midpoint method in (q, p): order, reversibility, the symplectic form, momentum, energy over long runs.
 
-mod common;
-
+use crate::common::{double_pendulum, free_body, pendulum};
 use allocation_counter::measure;
-use common::{double_pendulum, free_body, pendulum};
 use phipsi_model::{Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random};
 use phipsi_motion::forces::{JointSpring, PointSpring};
 use phipsi_motion::midpoint_momentum::MomentumSweep;

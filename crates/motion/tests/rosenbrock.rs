@@ -1,7 +1,6 @@
 //! Rosenbrock methods: linearisations against differences, orders, a stiff scene.
 
-mod common;
-use common::*;
+use crate::common::*;
 use phipsi_model::{Model, State};
 use phipsi_motion::forces::{
     BodyWrench, JointDissipation, JointSpring, JointTorque, PointSpring, Servo, WrenchAxes,

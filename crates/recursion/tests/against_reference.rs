@@ -1,8 +1,6 @@
 //! Every kernel against its dense twin on a thousand generated trees, each number within n·ε·κ.
 
-mod common;
-
-use common::{agree, by_vectors, gram, growth, rounding, scaled_condition, wide, wide_wrenches};
+use crate::common::{agree, by_vectors, gram, growth, rounding, scaled_condition, wide, wide_wrenches};
 use phipsi_recursion as fast;
 use phipsi_recursion::{About, ArticulatedSweep, Kinematics};
 use phipsi_reference as slow;

@@ -1,9 +1,7 @@
 //! Large trees branch by branch, on any number of threads: the bits of one sweep over all bodies. (Without the feature
 //! `parallel` the branches take turns on one thread.)
 
-mod common;
-
-use common::seeds;
+use crate::common::seeds;
 use phipsi_model::{Base, Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random};
 use phipsi_recursion::{
     DynamicsError, ForwardDynamics, InverseDynamics, Layout, forward_dynamics, inverse_dynamics,

@@ -1,8 +1,6 @@
 //! Derivatives against dual numbers through the reference and through the kernels themselves, and what they must fulfil.
 
-mod common;
-
-use common::{FACTOR, agree_on, compare, growth, scaled_condition, seeds, steps, wide_wrenches};
+use crate::common::{FACTOR, agree_on, compare, growth, scaled_condition, seeds, steps, wide_wrenches};
 use phipsi_model::{Base, Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random};
 use phipsi_recursion as fast;
 use phipsi_recursion::{

@@ -1,8 +1,6 @@
 //! Dynamics in diagonal velocities: against dense factors and dual numbers, by their identities, and along a motion.
 
-mod common;
-
-use common::{growth, scaled_condition, seeds, wide_wrenches};
+use crate::common::{growth, scaled_condition, seeds, wide_wrenches};
 use phipsi_model::Model;
 use phipsi_recursion::{
     ArticulatedSweep, DiagonalDynamics, DiagonalVelocity, Layout, diagonal_coriolis, diagonal_dynamics,
@@ -91,7 +89,7 @@ fn diagonal_dynamics_in_f64() {
                 kind,
             )
             .unwrap();
-            let unit = common::FACTOR * common::steps(&case) * f64::EPSILON * terms(&case);
+            let unit = crate::common::FACTOR * crate::common::steps(&case) * f64::EPSILON * terms(&case);
             assert_close("v", seed, &widened(&v), &want_v, unit * largest(&want_v));
             let size = largest(&want_rate) + largest(&wide).powi(2);
             assert_close("rate", seed, &widened(&rate), &want_rate, unit * size);

@@ -1,8 +1,6 @@
 //! What is refused, by which name, and what is not refused.
 
-mod common;
-
-use common::seeds;
+use crate::common::seeds;
 use phipsi_model::{
     Body, Coupling, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random, Subject,
 };

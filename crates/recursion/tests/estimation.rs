@@ -3,9 +3,7 @@
 
 #![allow(non_snake_case)] // the papers' symbols
 
-mod common;
-
-use common::seeds;
+use crate::common::seeds;
 use nalgebra::DMatrix;
 use phipsi_model::{Inertia, Random};
 use phipsi_recursion::{DynamicsError, Layout, Operators, mass_matrix_inverse};
@@ -120,10 +118,11 @@ fn vertical_sweeps_give_the_inverse_of_the_kernel() {
         let ops = Operators::new(&case.model, &case.q).unwrap();
         let kernel = mass_matrix_inverse(&Layout::new(&case.model), &case.q).unwrap();
         let sweeps = ops.mass_matrix_inverse_by_sweeps();
-        let (n, nv) = (common::steps(&case), case.model.nv());
-        let unit = common::FACTOR * n * f64::EPSILON * common::growth(&case);
+        let (n, nv) = (crate::common::steps(&case), case.model.nv());
+        let unit = crate::common::FACTOR * n * f64::EPSILON * crate::common::growth(&case);
         for (i, j) in (0..nv).flat_map(|i| (0..nv).map(move |j| (i, j))) {
-            let size = (kernel[i * (nv + 1)] * kernel[j * (nv + 1)]).sqrt() * common::scaled_condition(&case);
+            let size =
+                (kernel[i * (nv + 1)] * kernel[j * (nv + 1)]).sqrt() * crate::common::scaled_condition(&case);
             let error = (sweeps[(i, j)] - kernel[i * nv + j]).abs();
             assert!(error <= unit * size, "PHIPSI_SEED={seed}: [{i},{j}] {error:e} of {size:e}");
         }

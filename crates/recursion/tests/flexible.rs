@@ -1,8 +1,6 @@
 //! Trees with flexible bodies against moving mass points and Boltzmann–Hamel equations, in double-double numbers and in f64.
 
-mod common;
-
-use common::{seeds, wide};
+use crate::common::{seeds, wide};
 use phipsi_model::{FlexibleBody, Random};
 use phipsi_recursion as fast;
 use phipsi_recursion::{About, Kinematics, Layout};

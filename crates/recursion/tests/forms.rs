@@ -1,8 +1,6 @@
 //! The forms of forward dynamics against their dense twins, on generated trees and on chains at the edges.
 
-mod common;
-
-use common::{SAMPLES, agree, compare, scaled_condition, seeds, steps, wide_wrenches};
+use crate::common::{SAMPLES, agree, compare, scaled_condition, seeds, steps, wide_wrenches};
 use phipsi_model::{JointKind, Random, Subject};
 use phipsi_recursion as fast;
 use phipsi_recursion::{

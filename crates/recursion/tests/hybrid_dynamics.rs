@@ -1,8 +1,6 @@
 //! Hybrid dynamics against the dense partitioned equations, and against its two limits.
 
-mod common;
-
-use common::{FACTOR, SAMPLES, growth, seeds, steps, wide_wrenches};
+use crate::common::{FACTOR, SAMPLES, growth, seeds, steps, wide_wrenches};
 use phipsi_model::Random;
 use phipsi_recursion::{
     DynamicsError, HybridDynamics, Layout, forward_dynamics, hybrid_dynamics, inverse_dynamics,
@@ -101,7 +99,7 @@ fn double_double_agrees_to_thirty_digits() {
         .unwrap();
         for (got, want) in [(a, want_a), (tau, want_tau)] {
             let size = want.iter().fold(1.0f64, |m, x| m.max(x.abs().hi));
-            let lost = growth(&case) * common::scaled_condition(&case) * 1e3;
+            let lost = growth(&case) * crate::common::scaled_condition(&case) * 1e3;
             for (x, y) in got.iter().zip(&want) {
                 let error = (*x - *y).abs().hi;
                 assert!(

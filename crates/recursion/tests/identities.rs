@@ -1,8 +1,6 @@
 //! Identities that need no other program: inverses, symmetry, power and momentum balances, equal mechanisms.
 
-mod common;
-
-use common::{FACTOR, growth, seeds, steps};
+use crate::common::{FACTOR, growth, seeds, steps};
 use phipsi_model::{Body, Inertia, Joint, JointKind, ModelBuilder, Placement};
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{
@@ -172,7 +170,7 @@ impl Motion {
         let layout = Layout::<Dd>::new(&case.model);
         let (mut q, v, tau) = (widened(&case.q), widened(&case.v), widened(&case.tau));
         case.model.normalize(&mut q);
-        let wrenches = common::wide_wrenches(case);
+        let wrenches = crate::common::wide_wrenches(case);
         let a = forward_dynamics(&layout, &q, &v, &tau, Some(&wrenches)).unwrap();
         Motion { layout, q, v, a, tau, wrenches }
     }

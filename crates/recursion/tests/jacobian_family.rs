@@ -1,8 +1,6 @@
 //! What goes by the Jacobian: inertias of tips, generalised inverses, inverse kinematics; and the linearised dynamics.
 
-mod common;
-
-use common::{
+use crate::common::{
     FACTOR, agree_on, by_vectors, gram, growth, scaled_condition, seeds, steps, wide, wide_wrenches,
 };
 use phipsi_model::{Body, Inertia, Joint, JointKind, Limits, Model, ModelBuilder, Placement, Random};

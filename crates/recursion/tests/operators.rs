@@ -1,9 +1,7 @@
 //! The papers' operators of generated trees, in double-double numbers, against the dense twins of `phipsi-reference`, which
 //! know no operators. The identities between them are in `papers.rs`.
 
-mod common;
-
-use common::seeds;
+use crate::common::seeds;
 use nalgebra::DMatrix;
 use phipsi_recursion::operators::Sensitivity;
 use phipsi_recursion::{DynamicsError, Layout, Operators, forward_dynamics, mass_matrix};
@@ -49,7 +47,7 @@ fn dense(a: &Operator<Dd>) -> Vec<Dd> {
 
 /// Terms of M⁻¹ cancel by the condition of M after scaling.
 fn lost(case: &Case) -> f64 {
-    common::scaled_condition(case) * common::growth(case)
+    crate::common::scaled_condition(case) * crate::common::growth(case)
 }
 
 #[test]
@@ -213,7 +211,7 @@ fn operators_and_kernels_agree() {
         let case = case(seed);
         let layout = Layout::<f64>::new(&case.model);
         let ops = Operators::new(&case.model, &case.q).unwrap();
-        let unit = common::FACTOR * common::steps(&case) * f64::EPSILON;
+        let unit = crate::common::FACTOR * crate::common::steps(&case) * f64::EPSILON;
         let kernel = mass_matrix(&layout, &case.q).unwrap();
         let expression = ops.mass_matrix().dense().unwrap();
         let nv = case.model.nv();
@@ -230,7 +228,7 @@ fn operators_and_kernels_agree() {
         let want = wide.forward_dynamics(&widened(&case.v), &widened(&case.tau)).unwrap();
         let scale = largest(&want);
         let reach = wide.phi.dense().unwrap().iter().fold(1.0f64, |m, x| m.max(x.abs().hi));
-        let terms = common::growth(&case) * common::scaled_condition(&case) * reach * reach;
+        let terms = crate::common::growth(&case) * crate::common::scaled_condition(&case) * reach * reach;
         for (what, got) in [("kernel", &kernel), ("expression", &expression)] {
             for (x, y) in got.iter().zip(&want) {
                 let error = (x - y.hi).abs();

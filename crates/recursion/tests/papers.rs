@@ -2,30 +2,27 @@
 //! two evaluations that are compared, and the page that tells how far they differ. `PHIPSI_WRITE_PAGES=1` writes the page.
 #![allow(non_snake_case)] // the papers' symbols
 
-mod common;
-mod papers {
-    pub mod closed;
-    pub mod covariance_table;
-    pub mod covariances;
-    pub mod factors;
-    pub mod filter;
-    pub mod inverse;
-    pub mod operators;
-    pub mod page;
-    pub mod random_field;
-    pub mod row;
-    pub mod scene;
-    pub mod sensitivities;
-}
+pub mod closed;
+pub mod covariance_table;
+pub mod covariances;
+pub mod factors;
+pub mod filter;
+pub mod inverse;
+pub mod operators;
+pub mod page;
+pub mod random_field;
+pub mod row;
+pub mod scene;
+pub mod sensitivities;
 
 use nalgebra::DMatrix;
-use papers::page::{self, Measured};
-use papers::row::{Domain, Equations, Form, Row};
-use papers::scene::{self, LONG, PLANS, SHORT, Scene, Shape};
+use page::Measured;
 use phipsi_model::Random;
 use phipsi_reference::generate::Case;
 use phipsi_reference::sensitivity::{STEP, perturbed};
 use phipsi_spatial::{Dd, Real};
+use row::{Domain, Equations, Form, Row};
+use scene::{LONG, PLANS, SHORT, Scene, Shape};
 
 /// Generated trees beside the shapes of one's own.
 const GENERATED: u64 = 30;
@@ -33,21 +30,21 @@ const GENERATED: u64 = 30;
 const SAMPLES: u64 = 2;
 const MORE_SAMPLES: u64 = 8;
 /// Residuals allowed, in units of n·ε·κ: as the kernels'.
-const BUDGET: f64 = common::FACTOR;
+const BUDGET: f64 = crate::common::FACTOR;
 /// A statement that must fail is off by at least this much, relative to its size: more than any rounding.
 const WRONG: f64 = 1e-6;
 
 fn rows() -> Vec<Row> {
     [
-        papers::random_field::rows(),
-        papers::filter::rows(),
-        papers::covariances::rows(),
-        papers::covariance_table::rows(),
-        papers::inverse::rows(),
-        papers::operators::rows(),
-        papers::factors::rows(),
-        papers::sensitivities::rows(),
-        papers::closed::rows(),
+        random_field::rows(),
+        filter::rows(),
+        covariances::rows(),
+        covariance_table::rows(),
+        inverse::rows(),
+        operators::rows(),
+        factors::rows(),
+        sensitivities::rows(),
+        closed::rows(),
     ]
     .into_iter()
     .flatten()
@@ -115,7 +112,7 @@ struct Trial {
 
 impl Trial {
     fn new(name: String, case: &Case, seed: u64) -> Self {
-        let unit = common::steps(case) * common::scaled_condition(case);
+        let unit = crate::common::steps(case) * crate::common::scaled_condition(case);
         let mut trial = Trial {
             name,
             plain: Scene::new(case, seed),
@@ -173,7 +170,7 @@ impl Trial {
 
 /// The trials: own shapes and generated ones, or those of the seed in `PHIPSI_SEED`.
 fn trials() -> Vec<Trial> {
-    let seeds = common::seeds(GENERATED);
+    let seeds = crate::common::seeds(GENERATED);
     let own: Vec<u64> = if seeds.len() == 1 { seeds.clone() } else { vec![1, 2] };
     let mut all = vec![];
     for &seed in &own {
@@ -229,7 +226,7 @@ fn measure(rows: &[Row]) -> (Vec<Measured>, Vec<String>) {
         }
         let [short, long] =
             chains.each_ref().map(|chain| match (row.plain)(chain).parts.into_iter().next() {
-                Some(papers::row::Part { left: Form::Expression(a), .. }) => Some((a.to_string(), a.cost())),
+                Some(row::Part { left: Form::Expression(a), .. }) => Some((a.to_string(), a.cost())),
                 _ => None,
             });
         if let (Some((text, few)), Some((_, many))) = (short, long) {

@@ -1,8 +1,6 @@
 //! The same kernels in f32 and in double-double numbers, against the reference in double-double numbers.
 
-mod common;
-
-use common::{SAMPLES, compare, gram, growth, scaled_condition, seeds, steps, wide_wrenches};
+use crate::common::{SAMPLES, compare, gram, growth, scaled_condition, seeds, steps, wide_wrenches};
 use phipsi_recursion::{Layout, forward_dynamics, inverse_dynamics, mass_matrix};
 use phipsi_reference as slow;
 use phipsi_reference::generate::{Case, Limits, case, case_within};

@@ -1,8 +1,6 @@
 //! Υ of every body and the gradient of ln det M, against dense matrices and dual numbers.
 
-mod common;
-
-use common::{agree_on, by_vectors, gram, growth, scaled_condition, seeds};
+use crate::common::{agree_on, by_vectors, gram, growth, scaled_condition, seeds};
 use phipsi_model::JointKind;
 use phipsi_recursion::batch::{Input, kernels, run_batch};
 use phipsi_recursion::{ArticulatedSweep, Layout, LogDeterminantGradient, log_determinant_gradient, upsilon};

@@ -1,5 +1,4 @@
 //! Reference molecules that several tests read.
-#![allow(dead_code)] // each test binary uses its own part
 
 pub mod chains;
 pub mod statistics;

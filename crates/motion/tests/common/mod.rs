@@ -1,5 +1,4 @@
 //! Mechanisms and runs that several tests share.
-#![allow(dead_code)] // each test binary uses its own part
 
 use phipsi_model::{Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement};
 use phipsi_motion::{Dynamics, Force, Integrator, Method, System, Tolerances};

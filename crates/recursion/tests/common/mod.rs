@@ -1,5 +1,5 @@
 //! Seeds and budgets that several tests share.
-#![allow(dead_code)] // each test binary uses its own part
+#![allow(dead_code)] // `batch`, a binary of its own, uses a part
 
 use phipsi_recursion::{DynamicsError, Layout};
 use phipsi_reference::generate::{Case, case};

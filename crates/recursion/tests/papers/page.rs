@@ -25,7 +25,7 @@ pub struct Measured {
 const HEAD: &str = "# The two papers, line by line
 
 Every numbered equation, lemma and unnumbered identity about operators and recursions of the two papers, as it holds, with what the print
-has wrong. Each line is executed: `cargo test -p phipsi-recursion --test papers` evaluates both sides on chains, on trees that branch on
+has wrong. Each line is executed: `cargo test -p phipsi-recursion --test all papers` evaluates both sides on chains, on trees that branch on
 three levels, on forests and free bases, with joints of one to six degrees of freedom, in f64 and in double-double numbers;
 `PHIPSI_WRITE_PAGES=1` before the command writes this page. *Paper 1* is Rodriguez, \"Random field estimation approach to robot dynamics\", IEEE
 Transactions on Systems, Man, and Cybernetics 20 (1990); *paper 2* is Jain and Rodriguez, \"Computational robot dynamics using spatial

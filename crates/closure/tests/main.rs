@@ -1,0 +1,6 @@
+//! Closed chains against the dense twin, identities, mechanisms.
+
+mod against_reference;
+mod allocation;
+mod identities;
+mod mechanisms;

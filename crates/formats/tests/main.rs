@@ -1,0 +1,8 @@
+//! Readers, and what they say of files that are wrong.
+
+mod dcd;
+mod expression;
+mod mutation;
+mod pdb;
+mod system;
+mod urdf;

@@ -1,0 +1,10 @@
+//! Force fields, torsion models, ensembles.
+
+mod chains;
+mod common;
+mod energies;
+mod ensembles;
+mod minimize;
+mod nve;
+mod torsion_model;
+mod velocities;

@@ -1,0 +1,11 @@
+//! Forces, integrators and their orders, on mechanisms with known motions.
+
+mod closed_forms;
+mod common;
+mod flexible;
+mod forces;
+mod integrators;
+mod midpoint;
+mod rosenbrock;
+mod slider_crank;
+mod wide;

@@ -1,0 +1,10 @@
+//! Scenes, runs, reports.
+
+mod benchmarks;
+mod loops;
+mod molecule;
+mod mutation;
+mod report;
+mod satellite;
+mod scenes;
+mod two_bodies;
