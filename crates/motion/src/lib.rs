@@ -15,6 +15,7 @@ pub mod force_rates;
 pub mod forces;
 pub mod increment;
 pub mod integrate;
+mod lu;
 pub mod midpoint;
 pub mod midpoint_maps;
 mod midpoint_mixing;

@@ -14,6 +14,7 @@
 
 use crate::explicit::{NotFinite, StageError, evaluate};
 use crate::increment::bracket;
+use crate::lu::Lu;
 use crate::rosenbrock_tableau::RosenbrockTableau;
 use crate::system::{Linearization, System};
 use phipsi_model::Model;
@@ -159,16 +160,16 @@ impl RosenbrockStep {
         invert_turning(model, &self.start[nv..2 * nv], step, &mut self.inverse);
         self.a_q.copy_from_slice(a_q);
         let s = &mut self.factor.entries;
-        for (s, a) in s.iter_mut().zip(a_v) {
-            *s = -a;
-        }
         for i in 0..nv {
-            s[i * nv + i] += 1.0 / step;
+            for j in 0..nv {
+                s[(i, j)] = -a_v[i * nv + j];
+            }
+            s[(i, i)] += 1.0 / step;
             for m in 0..na {
                 let a = step * a_aux[i * na + m];
                 if a != 0.0 {
                     for j in 0..nv {
-                        s[i * nv + j] -= a * g_v[m * nv + j];
+                        s[(i, j)] -= a * g_v[m * nv + j];
                         self.a_q[i * nv + j] += a * g_q[m * nv + j];
                     }
                 }
@@ -180,7 +181,7 @@ impl RosenbrockStep {
                 for j in range.clone() {
                     let sum: f64 =
                         range.clone().map(|m| self.a_q[i * nv + m] * self.inverse[m * nv + j]).sum();
-                    s[i * nv + j] -= sum;
+                    s[(i, j)] -= sum;
                 }
             }
         }
@@ -356,77 +357,5 @@ fn turn(model: &Model, inverse: &[f64], x: &[f64], out: &mut [f64]) {
         for i in range.clone() {
             out[i] = range.clone().map(|j| inverse[i * nv + j] * x[j]).sum();
         }
-    }
-}
-
-/// Factors of a square matrix with partial pivoting, in place: no allocation after it is made.
-#[derive(Clone, Debug)]
-struct Lu {
-    n: usize,
-    entries: Vec<f64>,
-    rows: Vec<usize>,
-    scratch: Vec<f64>,
-}
-
-impl Lu {
-    fn new(n: usize) -> Self {
-        Lu { n, entries: vec![0.0; n * n], rows: vec![0; n], scratch: vec![0.0; n] }
-    }
-    /// Factors the entries. A singular matrix gives solutions that are not finite.
-    fn run(&mut self) {
-        let n = self.n;
-        for p in 0..n {
-            let at = |i: usize| self.entries[i * n + p].abs();
-            let row = (p..n).max_by(|a, b| at(*a).total_cmp(&at(*b))).unwrap_or(p);
-            self.rows[p] = row;
-            if row != p {
-                let (above, below) = self.entries.split_at_mut(row * n);
-                above[p * n..p * n + n].swap_with_slice(&mut below[..n]);
-            }
-            let (above, below) = self.entries.split_at_mut((p + 1) * n);
-            let pivot_row = &above[p * n..];
-            for row in below.chunks_exact_mut(n) {
-                let factor = row[p] / pivot_row[p];
-                row[p] = factor;
-                if factor != 0.0 {
-                    row[p + 1..].iter_mut().zip(&pivot_row[p + 1..]).for_each(|(x, y)| *x -= factor * y);
-                }
-            }
-        }
-    }
-    fn solve(&mut self, x: &mut [f64]) {
-        let n = self.n;
-        for p in 0..n {
-            x.swap(p, self.rows[p]);
-        }
-        self.scratch.copy_from_slice(x);
-        for i in 0..n {
-            let known: f64 =
-                self.entries[i * n..i * n + i].iter().zip(&self.scratch).map(|(a, b)| a * b).sum();
-            self.scratch[i] -= known;
-        }
-        for i in (0..n).rev() {
-            let row = &self.entries[i * n..i * n + n];
-            let known: f64 = row[i + 1..].iter().zip(&self.scratch[i + 1..]).map(|(a, b)| a * b).sum();
-            self.scratch[i] = (self.scratch[i] - known) / row[i];
-        }
-        x.copy_from_slice(&self.scratch);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_factors_solve_what_needs_pivoting() {
-        let mut lu = Lu::new(3);
-        let matrix = [0.0, 2.0, 1.0, 1.0, 0.0, 3.0, 4.0, 1.0, 0.0];
-        lu.entries.copy_from_slice(&matrix);
-        lu.run();
-        let want = [1.0, -2.0, 0.5];
-        let mut x: Vec<f64> = (0..3).map(|i| (0..3).map(|j| matrix[3 * i + j] * want[j]).sum()).collect();
-        lu.solve(&mut x);
-        assert!(x.iter().zip(want).all(|(x, w)| (x - w).abs() < 8.0 * f64::EPSILON), "{x:?}");
     }
 }

@@ -232,7 +232,7 @@ impl Model {
         let out = batch.run(py, &kernel, &wrenches.inputs([&q, &v, &a]), layout.nv());
         compiled.result(py, &batch, out, Names::Velocity("generalized force"), &[layout.nv()])
     }
-    /// The mass matrix M(q), full and symmetric.
+    /// The mass matrix M(q), full and symmetric: of the tree, with closures and couplings open.
     ///
     /// ``q``: (…, nq). Returns (…, nv, nv), kg·m², kg·m or kg.
     ///

@@ -15,6 +15,13 @@ pub enum DynamicsError {
         /// Found length.
         found: usize,
     },
+    /// A number that no body of the model has.
+    Body {
+        /// The number.
+        found: usize,
+        /// How many bodies there are.
+        count: usize,
+    },
     /// An articulated joint inertia D that is not positive.
     SingularHinge {
         /// The joint's name.
@@ -63,6 +70,10 @@ impl fmt::Display for DynamicsError {
             DynamicsError::Shape { argument, expected, found } => {
                 write!(f, "`{argument}` has length {found}, but length {expected} is required")
             }
+            DynamicsError::Body { found, count } => write!(
+                f,
+                "no body has number {found}: the model has {count}, counted from 0; look the number up by the body's name"
+            ),
             DynamicsError::SingularHinge { joint, component, inertia } => write!(
                 f,
                 "joint `{joint}`, degree of freedom {component}: articulated inertia {inertia:e} is not positive; \

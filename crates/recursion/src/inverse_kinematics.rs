@@ -197,7 +197,7 @@ impl<T: Real> InverseKinematics<T> {
     /// `info` tells what is left; a result counts as reached by `tolerance` alone.
     ///
     /// # Errors
-    /// [`DynamicsError::Shape`], [`DynamicsError::Closure`]; [`DynamicsError::NotFinite`] if q0 or the target is not finite.
+    /// [`DynamicsError::Shape`], [`DynamicsError::Body`], [`DynamicsError::Closure`]; [`DynamicsError::NotFinite`] if q0 or the target is not finite.
     #[allow(clippy::too_many_arguments)]
     pub fn run(
         &mut self,
@@ -211,6 +211,7 @@ impl<T: Real> InverseKinematics<T> {
     ) -> Result<InverseKinematicsInfo, DynamicsError> {
         layout.check_closures()?;
         layout.check_rigid("inverse_kinematics")?;
+        layout.check_body(Some(body))?;
         check_length("q0", q0, layout.nq())?;
         check_length("out", out, layout.nq())?;
         check_length("workspace", &self.moving, model.len())?;

@@ -43,7 +43,7 @@ impl<T: Scalar> Jacobian<T> {
     /// no distance to the world's origin or to the root enters. Cost O(depth) besides writing the zeros; no allocation.
     ///
     /// # Errors
-    /// [`DynamicsError::Shape`].
+    /// [`DynamicsError::Shape`], [`DynamicsError::Body`].
     #[inline(always)]
     pub fn run(
         &mut self,
@@ -54,6 +54,7 @@ impl<T: Scalar> Jacobian<T> {
         out: &mut [T],
     ) -> Result<(), DynamicsError> {
         layout.check_rigid("jacobian")?;
+        layout.check_body(body)?;
         check_length("q", q, layout.nq())?;
         check_length("out", out, 6 * layout.nv())?;
         check_length("workspace", &self.path, layout.len())?;

@@ -297,6 +297,7 @@ type PickOff<T> = (usize, [Wrench<T>; 6]);
 
 /// The body of the layout that carries a tip, and unit wrenches at the tip in world axes, moved to its origin and axes.
 fn pick_off<T: Real>(layout: &Layout<T>, q: &[T], tip: &Tip<T>) -> Result<Option<PickOff<T>>, DynamicsError> {
+    layout.check_body(tip.body)?;
     let Some(body) = tip.body else { return Ok(None) };
     let carrier = &layout.carriers()[body];
     if carrier.body == GROUND {

@@ -258,13 +258,14 @@ pub fn spatial_to_inertial<T: Scalar>(v: Motion<T>, a: Motion<T>) -> Motion<T> {
 /// World pose of one body of the model, along its path only. `q`: nq. Cost O(depth), no allocation; O(n) with flexible bodies.
 ///
 /// # Errors
-/// [`DynamicsError::Shape`].
+/// [`DynamicsError::Shape`], [`DynamicsError::Body`].
 pub fn body_pose<T: Scalar>(
     layout: &Layout<T::Constant>,
     q: &[T],
     body: Option<usize>,
 ) -> Result<Transform<T>, DynamicsError> {
     check_length("q", q, layout.nq())?;
+    layout.check_body(body)?;
     let Some(body) = body else { return Ok(Transform::identity()) };
     if layout.is_flexible() {
         let mut kinematics = Kinematics::new(layout);
@@ -302,7 +303,7 @@ kernel! {
 /// flexible bodies.
 ///
 /// # Errors
-/// [`DynamicsError::Shape`].
+/// [`DynamicsError::Shape`], [`DynamicsError::Body`].
 pub fn body_velocity<T: Scalar>(
     layout: &Layout<T::Constant>,
     q: &[T],
@@ -311,6 +312,7 @@ pub fn body_velocity<T: Scalar>(
 ) -> Result<Motion<T>, DynamicsError> {
     check_length("q", q, layout.nq())?;
     check_length("v", v, layout.nv())?;
+    layout.check_body(body)?;
     let Some(body) = body else { return Ok(Motion::zero()) };
     if layout.is_flexible() {
         let mut kinematics = Kinematics::new(layout);

@@ -350,6 +350,15 @@ impl<C: Real> Layout<C> {
             Some(tree) => Err(DynamicsError::Flexible { body: tree.name.clone(), algorithm }),
         }
     }
+    /// Refuses a number that no body of the model has.
+    pub(crate) fn check_body(&self, body: Option<usize>) -> Result<(), DynamicsError> {
+        match body {
+            Some(found) if found >= self.carriers.len() => {
+                Err(DynamicsError::Body { found, count: self.carriers.len() })
+            }
+            _ => Ok(()),
+        }
+    }
     /// Minus the user's external wrenches (one per body of the model, its frame), each at its carrier.
     pub(crate) fn gather_loads<T: Scalar<Constant = C>>(
         &self,

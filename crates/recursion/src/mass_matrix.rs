@@ -66,7 +66,7 @@ impl<T: Scalar> MassMatrix<T> {
     ///
     /// # Computes
     /// M = H φ M φ* H* (soa.md 3.1): the momentum of the composite body outboard of a joint, moving along its axis, is
-    /// carried to the base; its components along the axes on the way are entries of M.
+    /// carried to the base; its components along the axes on the way are entries of M. Closures and couplings stay open.
     ///
     /// # Shapes & units
     /// `q`: nq; `out`: nv×nv; kg·m², kg·m or kg.

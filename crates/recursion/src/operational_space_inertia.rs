@@ -79,8 +79,8 @@ impl<T: Real> OperationalSpaceInertia<T> {
     /// n·ε·`condition`², and what the articulated sweep loses where heavy bodies hang on light ones (`forward_info`).
     ///
     /// # Errors
-    /// [`DynamicsError::Shape`], [`DynamicsError::Closure`], [`DynamicsError::SingularHinge`]; [`DynamicsError::NotFinite`] for
-    /// inputs that are not finite.
+    /// [`DynamicsError::Shape`], [`DynamicsError::Body`], [`DynamicsError::Closure`], [`DynamicsError::SingularHinge`];
+    /// [`DynamicsError::NotFinite`] for inputs that are not finite.
     pub fn run(
         &mut self,
         layout: &Layout<T>,

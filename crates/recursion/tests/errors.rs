@@ -5,10 +5,10 @@ use phipsi_model::{
     Body, Coupling, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random, Subject,
 };
 use phipsi_recursion::{
-    About, ArticulatedSweep, DynamicsError, ForwardDynamics, InverseDynamics, Kinematics, Layout, body_pose,
-    body_velocity, center_of_mass, centroidal_momentum_matrix, forward_dynamics, inverse_dynamics, jacobian,
-    joint_reactions, kinetic_energy, mass_matrix, mass_matrix_inverse, momentum, potential_energy,
-    singular_hinges, solve_mass_matrix,
+    About, ArticulatedSweep, DynamicsError, ForwardDynamics, InverseDynamics, Kinematics, Layout, Tip,
+    body_pose, body_velocity, center_of_mass, centroidal_momentum_matrix, forward_dynamics, inverse_dynamics,
+    jacobian, jacobian_pseudo_inverse, joint_reactions, kinetic_energy, mass_matrix, mass_matrix_inverse,
+    momentum, operational_space_inertia, potential_energy, singular_hinges, solve_mass_matrix,
 };
 use phipsi_reference::generate::{case, starved};
 use phipsi_spatial::Wrench;
@@ -43,6 +43,23 @@ fn shape<T: std::fmt::Debug>(result: Result<T, DynamicsError>, name: &str, requi
         }
         other => panic!("{name}: {other:?}"),
     }
+}
+
+#[test]
+fn bodies_that_do_not_exist_are_refused() {
+    let layout = Layout::<f64>::new(&arm([brick(); 3]));
+    let (q, body) = ([0.1; 3], Some(3));
+    let missing = DynamicsError::Body { found: 3, count: 3 };
+    assert_eq!(jacobian(&layout, &q, body, None).unwrap_err(), missing);
+    assert_eq!(body_pose(&layout, &q, body).unwrap_err(), missing);
+    assert_eq!(body_velocity(&layout, &q, &q, body).unwrap_err(), missing);
+    assert_eq!(operational_space_inertia(&layout, &q, body, None).unwrap_err(), missing);
+    let tips = [Tip { body, point: None }];
+    assert_eq!(
+        jacobian_pseudo_inverse(&layout, &q, &tips, &[0.0; 6], Default::default()).unwrap_err(),
+        missing
+    );
+    assert!(missing.to_string().contains("the model has 3"));
 }
 
 #[test]

@@ -4,8 +4,8 @@ use crate::common::{SAMPLES, agree, compare, scaled_condition, seeds, steps, wid
 use phipsi_model::{JointKind, Random, Subject};
 use phipsi_recursion as fast;
 use phipsi_recursion::{
-    DynamicsError, Form, FormChoice, FormForwardDynamics, Layout, SquareRootForwardDynamics, forward_info,
-    singular_hinges,
+    ArticulatedSweep, DynamicsError, Form, FormChoice, FormForwardDynamics, Layout,
+    SquareRootForwardDynamics, forward_info, singular_hinges,
 };
 use phipsi_reference as slow;
 use phipsi_reference::extreme::{Chain, beyond, scenes};
@@ -243,8 +243,15 @@ fn beyond_the_reach_of_the_plain_recursion() {
         let (q, v, tau) = (widened(&case.q), widened(&case.v), widened(&case.tau));
         let wide = Layout::<Dd>::new(&case.model);
         let want = fast::square_root_forward_dynamics(&case.model, &wide, &q, &v, &tau, None).unwrap();
-        let error = relative(&run(Form::SquareRoot, &layout, case).unwrap(), &want);
+        let a = run(Form::SquareRoot, &layout, case).unwrap();
+        let error = relative(&a, &want);
         assert!(error <= choice.limit, "{name}: {error:e}");
+        // Also where the plain sweep finds no positive D, the result is judged.
+        let info = forward_info(&layout, &case.q, &case.v, &case.tau, None, &a).unwrap();
+        let allowed = 100.0 * layout.len() as f64 * f64::EPSILON;
+        assert!(info.backward_error <= allowed, "{name}: {:e}", info.backward_error);
+        let fails = ArticulatedSweep::new(&layout, &case.q).is_err();
+        assert_eq!(fails, info.worst_hinge.is_some_and(|worst| worst.ratio == 0.0), "{name}");
     }
 }
 

@@ -14,7 +14,8 @@ pub struct WorstHinge {
     /// Which of its degrees of freedom.
     pub component: usize,
     /// Articulated inertia D over the composite inertia of the same degree of freedom (joints outboard locked): the
-    /// factor by which cancellation outboard of it can multiply rounding is the inverse.
+    /// factor by which cancellation outboard of it can multiply rounding is the inverse. Zero where cancellation leaves no
+    /// positive D, and the plain form fails.
     pub ratio: f64,
 }
 
@@ -30,10 +31,10 @@ pub struct ForwardInfo {
 /// Backward error and worst hinge of accelerations `a` that forward dynamics gave for (q, v, tau).
 ///
 /// The sum of terms of component i is |τ_i| + |M_ii a_i| + |bias_i| + Σ_j |M_ij a_j|, from the mass matrix.
-/// Cost O(n · depth).
+/// Cost O(n · depth). The accelerations may come from any form: where the plain one fails, its hinge is named.
 ///
 /// # Errors
-/// As [`super::ForwardDynamics::run`].
+/// As [`super::ForwardDynamics::run`], but for hinges without a positive D.
 pub fn forward_info<T: Real>(
     layout: &Layout<T>,
     q: &[T],
@@ -42,7 +43,13 @@ pub fn forward_info<T: Real>(
     wrenches: Option<&[Wrench<T>]>,
     a: &[T],
 ) -> Result<ForwardInfo, DynamicsError> {
-    let sweep = crate::ArticulatedSweep::new(layout, q)?;
+    let sweep = match crate::ArticulatedSweep::new(layout, q) {
+        Ok(sweep) => Ok(sweep),
+        Err(DynamicsError::SingularHinge { joint, component, .. }) => {
+            Err(WorstHinge { joint, component, ratio: 0.0 })
+        }
+        Err(e) => return Err(e),
+    };
     let back = inverse_dynamics(layout, q, v, a, wrenches)?;
     let bias = inverse_dynamics(layout, q, v, &vec![T::zero(); layout.nv()], wrenches)?;
     let (hinge, R) = composite_inertias(layout, q);
@@ -53,9 +60,11 @@ pub fn forward_info<T: Real>(
             let column = body.v + i;
             let mut f = R[k].momentum(body.hinge.axis(i));
             let own = body.hinge.project(i, &f);
-            let ratio = (T::from_arithmetic(sweep.pivots[column].inverse) * own).recip().to_f64();
-            if worst.is_none_or(|(_, smallest)| ratio < smallest) {
-                worst = Some((column, ratio));
+            if let Ok(sweep) = &sweep {
+                let ratio = (T::from_arithmetic(sweep.pivots[column].inverse) * own).recip().to_f64();
+                if worst.is_none_or(|(_, smallest)| ratio < smallest) {
+                    worst = Some((column, ratio));
+                }
             }
             let (mut from, mut at) = (k, k);
             while at != GROUND {
@@ -80,10 +89,10 @@ pub fn forward_info<T: Real>(
         residual => residual / terms[i],
     };
     Ok(ForwardInfo {
-        worst_hinge: worst.map(|(i, ratio)| {
+        worst_hinge: sweep.err().or(worst.map(|(i, ratio)| {
             let (joint, component) = layout.joint_of_velocity(i);
             WorstHinge { joint: joint.into(), component, ratio }
-        }),
+        })),
         backward_error: (0..layout.nv()).map(relative).fold(0.0, f64::max),
     })
 }
