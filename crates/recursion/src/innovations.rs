@@ -19,8 +19,10 @@ use crate::places::{Places, Table, View, inside, vector};
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{Motion, Scalar, Wrench};
 
+mod columns;
 mod products;
 
+use columns::Columns;
 use products::Products;
 
 /// Rows of the gain K of a degree of freedom, and of z.
@@ -37,6 +39,8 @@ pub(crate) struct Innovations<T> {
     inverse: Vec<T>,
     gains: Table<T, 12>,
     products: Products<T>,
+    /// Where products with M⁻¹ take more time than sweeps over the columns.
+    columns: Option<Columns<T>>,
 }
 
 impl<T: Scalar> Innovations<T> {
@@ -48,7 +52,12 @@ impl<T: Scalar> Innovations<T> {
             inverse: vec![T::zero(); places.count],
             gains: Table::new(places),
             products: Products::new(places),
+            columns: None,
         }
+    }
+    /// For products with M⁻¹, too.
+    pub(crate) fn with_products(layout: &Layout<T::Constant>, places: &Places) -> Self {
+        Innovations { columns: Columns::new(layout, places), ..Self::new(layout, places) }
     }
     /// Takes the pivots of an articulated sweep and the bodies of the same configuration in the axes of the ground. Cost
     /// O(n · depth), no allocation.

@@ -1,0 +1,262 @@
+//! −M⁻¹ B by a filter and a smoother over the columns of B, several side by side.
+//!
+//! | symbol | meaning | source |
+//! |---|---|---|
+//! | z | force that comes from outboard, moved inward | paper 1 (9.3) |
+//! | ε | innovation b − H z | paper 1 (9.5) |
+//! | λ | minus the acceleration of the body | paper 1 (9.12) |
+//! | x | D⁻¹ ε + K* λ | paper 1 (9.14) |
+//!
+//! About 33 multiplications an entry, where the product with M⁻¹ has one for every degree of freedom that is related to the
+//! column's: this way is for long chains.
+
+use super::{GAIN, Innovations};
+use crate::ground_axes::{AXIS, OFFSET, along};
+use crate::hinge::Hinge;
+use crate::layout::{GROUND, Layout};
+use crate::places::{Places, Table, View, vector};
+use phipsi_spatial::wide::Wide;
+use phipsi_spatial::{Motion, Scalar, Vec3, Wrench};
+
+/// Degrees of freedom related to a column, on average, from which sweeps take less time than products.
+const RELATED: usize = 48;
+/// Registers side by side, at most: two of each of two matrices.
+const SIDE: usize = 4;
+
+/// Room for the sweeps.
+#[derive(Clone, Debug)]
+pub(super) struct Columns<T> {
+    /// ε of every place.
+    innovations: Vec<T>,
+    /// z, then λ, of the bodies with several children.
+    branches: Vec<T>,
+    /// The place of a body among those.
+    branch: Vec<usize>,
+}
+
+impl<T: Scalar> Columns<T> {
+    /// Where sweeps take less time.
+    pub(super) fn new(layout: &Layout<T::Constant>, places: &Places) -> Option<Self> {
+        let bodies = layout.bodies();
+        // Inside a tree a free joint passes nothing of what comes from outboard.
+        let passes = bodies.iter().any(|b| matches!(b.hinge, Hinge::Free) && b.parent != GROUND);
+        // Every pair of a degree of freedom with one outboard of it relates both.
+        let related = 2 * places.pairs();
+        if passes || related < RELATED * (places.count - places.margin) {
+            return None;
+        }
+        Some(Self::always(layout, places))
+    }
+    fn always(layout: &Layout<T::Constant>, places: &Places) -> Self {
+        let mut count = 0;
+        let mut number = |several: bool| {
+            count += usize::from(several);
+            count.saturating_sub(1)
+        };
+        let branch = layout.bodies().iter().map(|b| number(b.children > 1)).collect();
+        Columns {
+            innovations: vec![T::zero(); places.count * SIDE * T::COLUMNS],
+            branches: vec![T::zero(); count * 6 * SIDE * T::COLUMNS],
+            branch,
+        }
+    }
+}
+
+/// Six numbers of `C` registers, kept.
+#[inline(always)]
+fn load<T: Scalar, W: Wide<T>, const C: usize>(kept: &[T]) -> [[W; 6]; C] {
+    let mut numbers = kept.chunks_exact(W::COUNT).map(W::load);
+    core::array::from_fn(|_| core::array::from_fn(|_| numbers.next().unwrap_or(W::zero())))
+}
+
+#[inline(always)]
+fn store<T: Scalar, W: Wide<T>, const C: usize>(numbers: [[W; 6]; C], kept: &mut [T]) {
+    for (x, kept) in numbers.into_iter().flatten().zip(kept.chunks_exact_mut(W::COUNT)) {
+        x.store(kept);
+    }
+}
+
+#[inline(always)]
+fn wrench<W: Copy>([a, b, c, d, e, f]: [W; 6]) -> Wrench<W> {
+    Wrench { moment: Vec3([a, b, c]), force: Vec3([d, e, f]) }
+}
+
+#[inline(always)]
+fn numbers<W: Copy>(angular: Vec3<W>, linear: Vec3<W>) -> [W; 6] {
+    let ([a, b, c], [d, e, f]) = (angular.0, linear.0);
+    [a, b, c, d, e, f]
+}
+
+impl<T: Scalar> Innovations<T> {
+    /// True where [`Innovations::negative_sweeps`] are the faster way.
+    pub(crate) fn has_sweeps(&self) -> bool {
+        self.columns.is_some()
+    }
+    /// −M⁻¹ B for two matrices B of the places, to the model's order; `bodies` of the same configuration.
+    #[inline(always)]
+    pub(crate) fn negative_sweeps<W: Wide<T>, const N: usize>(
+        &mut self,
+        layout: &Layout<T::Constant>,
+        places: &Places,
+        bodies: &mut View<'_, T, N>,
+        b: [&[T]; 2],
+        mut out: [&mut [T]; 2],
+    ) {
+        let Innovations { columns, gains, inverse, linear, .. } = self;
+        let Some(columns) = columns else { return };
+        // Four registers hold 24 numbers: only AVX-512 has names for as many.
+        let both = size_of::<W>() >= 64;
+        let mut at = Places::group(places.margin, T::COLUMNS);
+        while at < places.count {
+            if both && at + 2 * W::COUNT <= places.count {
+                inward::<T, W, N, SIDE>(layout, places, bodies, gains, linear, columns, b, at);
+                outward::<T, W, N, SIDE>(
+                    layout,
+                    places,
+                    bodies,
+                    gains,
+                    (inverse, linear),
+                    columns,
+                    &mut out,
+                    at,
+                );
+                at += 2 * W::COUNT;
+            } else {
+                inward::<T, W, N, 2>(layout, places, bodies, gains, linear, columns, b, at);
+                outward::<T, W, N, 2>(
+                    layout,
+                    places,
+                    bodies,
+                    gains,
+                    (inverse, linear),
+                    columns,
+                    &mut out,
+                    at,
+                );
+                at += W::COUNT;
+            }
+        }
+    }
+}
+
+/// ε of `C` registers: of both matrices from column `at` on, then of both from the next register on.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
+    layout: &Layout<T::Constant>,
+    places: &Places,
+    bodies: &mut View<'_, T, N>,
+    gains: &mut Table<T, 12>,
+    linear: &[bool],
+    columns: &mut Columns<T>,
+    b: [&[T]; 2],
+    at: usize,
+) {
+    let (s, size) = (places.stride, 6 * SIDE * T::COLUMNS);
+    let mut gains = gains.view();
+    columns.branches.fill(T::zero());
+    let mut hand = [Wrench::<W>::zero(); C];
+    for (k, body) in layout.bodies().iter().enumerate().rev() {
+        let (first, inner) = (places.first[k], places.first[k] + body.hinge.nv());
+        let mut z = match body.children {
+            0 => [Wrench::zero(); C],
+            1 => hand,
+            _ => load::<T, W, C>(&columns.branches[columns.branch[k] * size..][..size]).map(wrench),
+        };
+        for place in first..inner {
+            let (axis, gain): (Motion<T>, Wrench<T>) =
+                (bodies.at(place).motion(AXIS), gains.at(place).wrench(GAIN));
+            let (moment, force) = (vector::<T, W>(gain.moment), vector::<T, W>(gain.force));
+            let kept = &mut columns.innovations[place * SIDE * T::COLUMNS..][..SIDE * T::COLUMNS];
+            for c in 0..C {
+                let measured = W::load(&b[c % 2][place * s + at + c / 2 * W::COUNT..]);
+                let innovation = measured - along::<T, W>(&axis, linear[place], &z[c]);
+                z[c].moment = moment.scale_add(innovation, z[c].moment);
+                z[c].force = force.scale_add(innovation, z[c].force);
+                innovation.store(&mut kept[c * W::COUNT..]);
+            }
+        }
+        if body.parent == GROUND {
+            continue;
+        }
+        let d = vector::<T, W>(bodies.at(first).vector(OFFSET));
+        for z in &mut z {
+            z.moment = d.cross_add(z.force, z.moment);
+        }
+        if layout.bodies()[body.parent].children == 1 {
+            hand = z;
+        } else {
+            let kept = &mut columns.branches[columns.branch[body.parent] * size..][..size];
+            let mut sum = load::<T, W, C>(kept).map(wrench);
+            for (sum, z) in sum.iter_mut().zip(z) {
+                *sum += z;
+            }
+            store::<T, W, C>(sum.map(|z| numbers(z.moment, z.force)), kept);
+        }
+    }
+}
+
+/// −x of what [`inward`] has left.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
+    layout: &Layout<T::Constant>,
+    places: &Places,
+    bodies: &mut View<'_, T, N>,
+    gains: &mut Table<T, 12>,
+    (inverse, linear): (&[T], &[bool]),
+    columns: &mut Columns<T>,
+    out: &mut [&mut [T]; 2],
+    at: usize,
+) {
+    let size = 6 * SIDE * T::COLUMNS;
+    let mut gains = gains.view();
+    let mut previous = [Motion::<W>::zero(); C];
+    for (k, body) in layout.bodies().iter().enumerate() {
+        let (first, inner) = (places.first[k], places.first[k] + body.hinge.nv());
+        let mut lambda = [Motion::<W>::zero(); C];
+        if body.parent != GROUND {
+            lambda = previous;
+            if !body.follows_parent(k) {
+                let kept = &columns.branches[columns.branch[body.parent] * size..][..size];
+                lambda = load::<T, W, C>(kept)
+                    .map(|[a, b, c, d, e, f]| Motion::new(Vec3([a, b, c]), Vec3([d, e, f])));
+            }
+            let d = vector::<T, W>(bodies.at(first).vector(OFFSET));
+            for lambda in &mut lambda {
+                lambda.linear = lambda.angular.cross_add(d, lambda.linear);
+            }
+        }
+        for place in (first..inner).rev() {
+            let (axis, gain): (Motion<T>, Wrench<T>) =
+                (bodies.at(place).motion(AXIS), gains.at(place).wrench(GAIN));
+            let (moment, force) = (vector::<T, W>(gain.moment), vector::<T, W>(gain.force));
+            let (angular, along) = (vector::<T, W>(-axis.angular), vector::<T, W>(-axis.linear));
+            let pivot = W::broadcast(inverse[place]);
+            let kept = &columns.innovations[place * SIDE * T::COLUMNS..][..SIDE * T::COLUMNS];
+            for c in 0..C {
+                let innovation = W::load(&kept[c * W::COUNT..]);
+                let seen = moment.dot(lambda[c].angular) + force.dot(lambda[c].linear);
+                let x = innovation.fma(pivot, seen);
+                lambda[c].angular = angular.scale_add(x, lambda[c].angular);
+                if linear[place] {
+                    lambda[c].linear = along.scale_add(x, lambda[c].linear);
+                }
+                places.write(place, at + c / 2 * W::COUNT, -x, out[c % 2]);
+            }
+        }
+        if body.children > 1 {
+            let kept = &mut columns.branches[columns.branch[k] * size..][..size];
+            store::<T, W, C>(lambda.map(|x| numbers(x.angular, x.linear)), kept);
+        }
+        previous = lambda;
+    }
+}
+
+#[cfg(test)]
+impl<T: Scalar> Innovations<T> {
+    /// By sweeps or by products, whichever takes less time.
+    pub(crate) fn choose(&mut self, layout: &Layout<T::Constant>, places: &Places, sweeps: bool) {
+        self.columns = sweeps.then(|| Columns::always(layout, places));
+    }
+}
