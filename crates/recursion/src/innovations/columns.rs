@@ -139,6 +139,21 @@ impl<T: Scalar> Innovations<T> {
     }
 }
 
+/// One degree of freedom: its axis, K, and what `$step` does with it, for axes with a linear part and for those without.
+macro_rules! with_axis {
+    ($bodies:expr, $gains:expr, $linear:expr, $place:expr, |$axis:ident, $gain:ident, $LINEAR:ident| $step:expr) => {
+        let ($axis, $gain): (Motion<T>, Wrench<T>) =
+            ($bodies.at($place).motion(AXIS), $gains.at($place).wrench(GAIN));
+        if $linear[$place] {
+            const $LINEAR: bool = true;
+            $step;
+        } else {
+            const $LINEAR: bool = false;
+            $step;
+        }
+    };
+}
+
 /// ε of `C` registers: of both matrices from column `at` on, then of both from the next register on.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
@@ -155,26 +170,27 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
     let (s, size) = (places.stride, 6 * SIDE * T::COLUMNS);
     let mut gains = gains.view();
     columns.branches.fill(T::zero());
-    let mut hand = [Wrench::<W>::zero(); C];
+    let mut z = [Wrench::<W>::zero(); C];
     for (k, body) in layout.bodies().iter().enumerate().rev() {
         let (first, inner) = (places.first[k], places.first[k] + body.hinge.nv());
-        let mut z = match body.children {
-            0 => [Wrench::zero(); C],
-            1 => hand,
-            _ => load::<T, W, C>(&columns.branches[columns.branch[k] * size..][..size]).map(wrench),
-        };
+        match body.children {
+            0 => z = [Wrench::zero(); C],
+            1 => (),
+            _ => z = load::<T, W, C>(&columns.branches[columns.branch[k] * size..][..size]).map(wrench),
+        }
         for place in first..inner {
-            let (axis, gain): (Motion<T>, Wrench<T>) =
-                (bodies.at(place).motion(AXIS), gains.at(place).wrench(GAIN));
-            let (moment, force) = (vector::<T, W>(gain.moment), vector::<T, W>(gain.force));
             let kept = &mut columns.innovations[place * SIDE * T::COLUMNS..][..SIDE * T::COLUMNS];
-            for c in 0..C {
-                let measured = W::load(&b[c % 2][place * s + at + c / 2 * W::COUNT..]);
-                let innovation = measured - along::<T, W>(&axis, linear[place], &z[c]);
-                z[c].moment = moment.scale_add(innovation, z[c].moment);
-                z[c].force = force.scale_add(innovation, z[c].force);
-                innovation.store(&mut kept[c * W::COUNT..]);
-            }
+            let measured = [&b[0][place * s + at..], &b[1][place * s + at..]];
+            with_axis!(bodies, gains, linear, place, |axis, gain, LINEAR| {
+                let (moment, force) = (vector::<T, W>(gain.moment), vector::<T, W>(gain.force));
+                for c in 0..C {
+                    let measured = W::load(&measured[c % 2][c / 2 * W::COUNT..]);
+                    let innovation = measured - along::<T, W>(&axis, LINEAR, &z[c]);
+                    z[c].moment = moment.scale_add(innovation, z[c].moment);
+                    z[c].force = force.scale_add(innovation, z[c].force);
+                    innovation.store(&mut kept[c * W::COUNT..]);
+                }
+            });
         }
         if body.parent == GROUND {
             continue;
@@ -183,9 +199,7 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
         for z in &mut z {
             z.moment = d.cross_add(z.force, z.moment);
         }
-        if layout.bodies()[body.parent].children == 1 {
-            hand = z;
-        } else {
+        if layout.bodies()[body.parent].children > 1 {
             let kept = &mut columns.branches[columns.branch[body.parent] * size..][..size];
             let mut sum = load::<T, W, C>(kept).map(wrench);
             for (sum, z) in sum.iter_mut().zip(z) {
@@ -211,12 +225,12 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
 ) {
     let size = 6 * SIDE * T::COLUMNS;
     let mut gains = gains.view();
-    let mut previous = [Motion::<W>::zero(); C];
+    let mut lambda = [Motion::<W>::zero(); C];
     for (k, body) in layout.bodies().iter().enumerate() {
         let (first, inner) = (places.first[k], places.first[k] + body.hinge.nv());
-        let mut lambda = [Motion::<W>::zero(); C];
-        if body.parent != GROUND {
-            lambda = previous;
+        if body.parent == GROUND {
+            lambda = [Motion::zero(); C];
+        } else {
             if !body.follows_parent(k) {
                 let kept = &columns.branches[columns.branch[body.parent] * size..][..size];
                 lambda = load::<T, W, C>(kept)
@@ -228,28 +242,27 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
             }
         }
         for place in (first..inner).rev() {
-            let (axis, gain): (Motion<T>, Wrench<T>) =
-                (bodies.at(place).motion(AXIS), gains.at(place).wrench(GAIN));
-            let (moment, force) = (vector::<T, W>(gain.moment), vector::<T, W>(gain.force));
-            let (angular, along) = (vector::<T, W>(-axis.angular), vector::<T, W>(-axis.linear));
             let pivot = W::broadcast(inverse[place]);
             let kept = &columns.innovations[place * SIDE * T::COLUMNS..][..SIDE * T::COLUMNS];
-            for c in 0..C {
-                let innovation = W::load(&kept[c * W::COUNT..]);
-                let seen = moment.dot(lambda[c].angular) + force.dot(lambda[c].linear);
-                let x = innovation.fma(pivot, seen);
-                lambda[c].angular = angular.scale_add(x, lambda[c].angular);
-                if linear[place] {
-                    lambda[c].linear = along.scale_add(x, lambda[c].linear);
+            with_axis!(bodies, gains, linear, place, |axis, gain, LINEAR| {
+                let (moment, force) = (vector::<T, W>(gain.moment), vector::<T, W>(gain.force));
+                let (angular, along) = (vector::<T, W>(-axis.angular), vector::<T, W>(-axis.linear));
+                for c in 0..C {
+                    let innovation = W::load(&kept[c * W::COUNT..]);
+                    let seen = moment.dot(lambda[c].angular) + force.dot(lambda[c].linear);
+                    let x = innovation.fma(pivot, seen);
+                    lambda[c].angular = angular.scale_add(x, lambda[c].angular);
+                    if LINEAR {
+                        lambda[c].linear = along.scale_add(x, lambda[c].linear);
+                    }
+                    places.write(place, at + c / 2 * W::COUNT, -x, out[c % 2]);
                 }
-                places.write(place, at + c / 2 * W::COUNT, -x, out[c % 2]);
-            }
+            });
         }
         if body.children > 1 {
             let kept = &mut columns.branches[columns.branch[k] * size..][..size];
             store::<T, W, C>(lambda.map(|x| numbers(x.angular, x.linear)), kept);
         }
-        previous = lambda;
     }
 }
 
