@@ -3,11 +3,14 @@
 //! One file per term; its formula is on its first page. Every term agrees with OpenMM's Reference platform
 //! (`tests/energies.rs`).
 
+mod born_integrals;
+mod born_pairs;
 mod check;
 mod cmap;
 mod custom_bonded;
 mod custom_gb;
 mod custom_nonbonded;
+mod exclusions;
 mod generalized_born;
 mod geometry;
 mod harmonic_angle;
@@ -17,10 +20,13 @@ mod nonbonded;
 mod periodic_torsion;
 mod rb_torsion;
 mod recognize;
+mod sweep;
+mod tiles;
 
 use crate::{Potential, PotentialError};
 use phipsi_formats::system::{Force, ForceKind, System};
 use phipsi_spatial::Vec3;
+use phipsi_spatial::lanes::Level;
 use std::fmt;
 
 /// Most atoms that an error names.
@@ -68,6 +74,7 @@ pub struct ForceField {
     names: Vec<String>,
     terms: Vec<Term>,
     particles: usize,
+    level: Level,
 }
 
 /// A System that is no force field: an entry that its tables contradict.
@@ -138,15 +145,15 @@ impl Term {
         }
     }
 
-    fn evaluate(&mut self, positions: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
+    fn evaluate(&mut self, level: Level, positions: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
         match self {
             Term::HarmonicBond(term) => term.evaluate(positions, forces),
             Term::HarmonicAngle(term) => term.evaluate(positions, forces),
             Term::PeriodicTorsion(term) => term.evaluate(positions, forces),
             Term::RbTorsion(term) => term.evaluate(positions, forces),
             Term::Cmap(term) => term.evaluate(positions, forces),
-            Term::Nonbonded(term) => term.evaluate(positions, forces),
-            Term::GeneralizedBorn(term) => term.evaluate(positions, forces),
+            Term::Nonbonded(term) => term.evaluate(level, positions, forces),
+            Term::GeneralizedBorn(term) => term.evaluate(level, positions, forces),
             Term::CustomBond(term) => term.evaluate(positions, forces),
             Term::CustomAngle(term) => term.evaluate(positions, forces),
             Term::CustomTorsion(term) => term.evaluate(positions, forces),
@@ -171,7 +178,15 @@ impl ForceField {
             names.push(unused_name(&force.name, &names));
             terms.push(Term::new(force, n));
         }
-        Ok(ForceField { names, terms, particles: n })
+        Ok(ForceField { names, terms, particles: n, level: Level::best() })
+    }
+
+    /// With the instructions of a level instead of [`Level::best`], or of [`Level::Scalar`] where this processor does not have
+    /// them. Energies and forces are the same to the last bit.
+    #[must_use]
+    pub fn at_level(mut self, level: Level) -> ForceField {
+        self.level = level;
+        self
     }
 
     /// Number of particles.
@@ -191,7 +206,7 @@ impl ForceField {
     ) -> Result<f64, PotentialError> {
         self.check_shapes(positions, forces, self.terms.len())?;
         let Some(kernel) = self.terms.get_mut(term) else { return Ok(0.0) };
-        let energy = kernel.evaluate(positions, forces);
+        let energy = kernel.evaluate(self.level, positions, forces);
         if energy.is_finite() && forces.iter().all(is_finite) {
             return Ok(energy);
         }
@@ -228,7 +243,7 @@ impl ForceField {
         let mut atoms = Vec::new();
         for (name, kernel) in self.names.iter().zip(&mut self.terms) {
             forces.fill(Vec3::zero());
-            let energy = kernel.evaluate(positions, forces);
+            let energy = kernel.evaluate(self.level, positions, forces);
             atoms = (0..forces.len()).filter(|&i| !is_finite(&forces[i])).collect();
             if !energy.is_finite() || !atoms.is_empty() {
                 term = name.clone();
@@ -262,7 +277,7 @@ impl Potential for ForceField {
         self.check_shapes(positions, forces, energies.len())?;
         forces.fill(Vec3::zero());
         for (term, energy) in self.terms.iter_mut().zip(&mut *energies) {
-            *energy = term.evaluate(positions, forces);
+            *energy = term.evaluate(self.level, positions, forces);
         }
         if energies.iter().all(|energy| energy.is_finite()) && forces.iter().all(is_finite) {
             return Ok(());

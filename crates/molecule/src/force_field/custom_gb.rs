@@ -7,8 +7,8 @@
 //! | E | Σᵢ of single particles + Σ_{i<j} of pairs |
 //! | ∂Vₖᵢ | ∂E/∂Vₖᵢ: first of the energies alone, then from the last value to the first through the Fₖ |
 
+use super::exclusions::Exclusions;
 use super::geometry::distance;
-use super::nonbonded::Exclusions;
 use phipsi_formats::system::{CustomGb, Formula, GbScope, Slope};
 use phipsi_spatial::Vec3;
 

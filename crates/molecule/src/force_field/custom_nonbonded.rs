@@ -1,7 +1,7 @@
 //! Energies of all pairs as functions of their distance and parameters.
 
+use super::exclusions::Exclusions;
 use super::geometry::distance;
-use super::nonbonded::Exclusions;
 use phipsi_formats::system::{CustomNonbonded, Formula, Slope};
 use phipsi_spatial::Vec3;
 

@@ -10,14 +10,18 @@
 //! | f² | r² + Bᵢ Bⱼ e, e = exp(−r²/(4 Bᵢ Bⱼ)) |
 //! | E | −κ₁ Σ qᵢ²/Bᵢ − κ₂ Σ_{i<j} qᵢ qⱼ/f + Σ cᵢ/Bᵢ⁶ |
 //!
-//! L and U depend on r, but their slopes cancel in ∂I/∂r, except where the atom i lies inside j and the last part of the
-//! bracket is missing: 2/L² remains there.
-//!
-//! Method: sums over pairs for I, then for E with ∂E/∂B, then for the chain rule ∂E/∂I ∂I/∂r.
+//! Method: sums over pairs for I (`born_integrals`), for E with ∂E/∂B (`born_pairs`), and for the chain rule ∂E/∂I ∂I/∂r
+//! (`born_integrals` again).
 
+use super::born_integrals::{Chain, Integrals};
+use super::born_pairs::Pairs;
+use super::exclusions::Exclusions;
 use super::nonbonded::COULOMB;
+use super::sweep::{Places, Sweep};
+use super::tiles::Tiles;
 use phipsi_formats::system::GbsaObc;
 use phipsi_spatial::Vec3;
+use phipsi_spatial::lanes::{Fused, Level};
 use std::f64::consts::PI;
 
 /// β and γ of OBC2.
@@ -41,6 +45,20 @@ pub(super) struct Particle {
     pub surface: f64,
 }
 
+/// The numbers of sums over pairs, by places; those beyond the last particle are of no pair, and harmless.
+#[derive(Clone, Debug)]
+pub(super) struct Columns {
+    /// q, o, 1/o, s.
+    pub charge: Vec<Fused>,
+    pub offset_radius: Vec<Fused>,
+    pub inverse_offset_radius: Vec<Fused>,
+    pub scaled_radius: Vec<Fused>,
+    /// B, 1/B; ∂E/∂I.
+    pub born: Vec<Fused>,
+    pub inverse_born: Vec<Fused>,
+    pub slopes: Vec<Fused>,
+}
+
 #[derive(Clone, Debug)]
 pub(super) struct GeneralizedBorn {
     particles: Vec<Particle>,
@@ -50,15 +68,43 @@ pub(super) struct GeneralizedBorn {
     obc: [f64; 2],
     /// True if an atom inside another one has the last part of the bracket.
     inside: bool,
-    /// B and ∂B/∂I, then ∂E/∂B, which becomes ∂E/∂I.
-    born: Vec<[f64; 2]>,
-    slopes: Vec<f64>,
+    tiles: Tiles,
+    places: Places,
+    sweep: Sweep,
+    columns: Columns,
+    /// ∂B/∂I.
+    by_integral: Vec<f64>,
 }
 
 impl GeneralizedBorn {
     pub(super) fn new(particles: Vec<Particle>, kappa: [f64; 2], obc: [f64; 2], inside: bool) -> Self {
         let n = particles.len();
-        GeneralizedBorn { particles, kappa, obc, inside, born: vec![[0.0; 2]; n], slopes: vec![0.0; n] }
+        let tiles = Tiles::all_pairs(n, &Exclusions::none(n));
+        let padded = tiles.padded();
+        let each = |f: fn(&Particle) -> f64, beyond: f64| {
+            let mut all: Vec<Fused> = particles.iter().map(|p| Fused(f(p))).collect();
+            all.resize(padded, Fused(beyond));
+            all
+        };
+        GeneralizedBorn {
+            places: Places::new(padded),
+            sweep: Sweep::new(&tiles, Integrals::<true>::NUMBERS),
+            tiles,
+            columns: Columns {
+                charge: each(|p| p.charge, 0.0),
+                offset_radius: each(|p| p.offset_radius, 1.0),
+                inverse_offset_radius: each(|p| 1.0 / p.offset_radius, 1.0),
+                scaled_radius: each(|p| p.scaled_radius, 0.0),
+                born: vec![Fused(1.0); padded],
+                inverse_born: vec![Fused(1.0); padded],
+                slopes: vec![Fused(0.0); padded],
+            },
+            by_integral: vec![0.0; n],
+            particles,
+            kappa,
+            obc,
+            inside,
+        }
     }
 
     pub(super) fn from_gbsa_obc(tables: &GbsaObc) -> Self {
@@ -77,133 +123,56 @@ impl GeneralizedBorn {
         Self::new(tables.particles.iter().map(particle).collect(), [0.5 * kappa, kappa], OBC2, true)
     }
 
-    pub(super) fn evaluate(&mut self, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
-        self.radii(x);
-        let energy = self.single() + self.pairs(x, forces);
-        for (slope, [_, by_integral]) in self.slopes.iter_mut().zip(&self.born) {
-            *slope *= by_integral;
+    pub(super) fn evaluate(&mut self, level: Level, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
+        self.places.set(x);
+        let GeneralizedBorn { tiles, places, sweep, columns, .. } = self;
+        match self.inside {
+            true => sweep.run(level, tiles, places, &Integrals::<true>(columns)),
+            false => sweep.run(level, tiles, places, &Integrals::<false>(columns)),
+        };
+        self.radii();
+        let own = self.single();
+        let GeneralizedBorn { tiles, places, sweep, columns, .. } = self;
+        let pairs = sweep.run(level, tiles, places, &Pairs { columns, kappa: self.kappa[1] });
+        sweep.add_forces(tiles, forces);
+        let slopes = columns.slopes.iter_mut().zip(sweep.sums(tiles, 3)).zip(&self.by_integral);
+        for ((slope, by_pairs), by_integral) in slopes {
+            slope.0 = (slope.0 + by_pairs.0) * by_integral;
         }
-        self.chain(x, forces);
-        energy
+        sweep.run(level, tiles, places, &Chain(columns));
+        sweep.add_forces(tiles, forces);
+        own + pairs
     }
 
     /// B and ∂B/∂I.
-    fn radii(&mut self, x: &[Vec3<f64>]) {
-        let integrals = &mut self.slopes;
-        integrals.fill(0.0);
-        for i in 0..x.len() {
-            let a = self.particles[i];
-            for j in i + 1..x.len() {
-                let b = self.particles[j];
-                let r = (x[j] - x[i]).norm();
-                integrals[i] += bracket(r, a.offset_radius, b.scaled_radius, self.inside);
-                integrals[j] += bracket(r, b.offset_radius, a.scaled_radius, self.inside);
-            }
-        }
+    fn radii(&mut self) {
         let [beta, gamma] = self.obc;
-        for ((integral, a), born) in integrals.iter().zip(&self.particles).zip(&mut self.born) {
+        let integrals = self.sweep.sums(&self.tiles, 0);
+        for (i, (a, integral)) in self.particles.iter().zip(integrals).enumerate() {
             let o = a.offset_radius;
-            let psi = 0.5 * integral * o;
+            let psi = 0.5 * integral.0 * o;
             let tanh = (psi - beta * psi * psi + gamma * psi * psi * psi).tanh();
-            let b = 1.0 / (1.0 / o - tanh / a.radius);
+            let inverse = 1.0 / o - tanh / a.radius;
+            let b = 1.0 / inverse;
             let slope =
                 (1.0 - tanh * tanh) * (1.0 - 2.0 * beta * psi + 3.0 * gamma * psi * psi) * o / a.radius;
-            *born = [b, b * b * slope];
+            self.columns.born[i] = Fused(b);
+            self.columns.inverse_born[i] = Fused(inverse);
+            self.by_integral[i] = b * b * slope;
         }
     }
 
     /// Energies of single particles; sets ∂E/∂B.
     fn single(&mut self) -> f64 {
         let mut energy = 0.0;
-        for ((a, [b, _]), slope) in self.particles.iter().zip(&self.born).zip(&mut self.slopes) {
-            let polar = -self.kappa[0] * a.charge * a.charge / b;
-            let surface = a.surface / (b * b * b * b * b * b);
+        let Columns { inverse_born, slopes, .. } = &mut self.columns;
+        for ((a, inverse), slope) in self.particles.iter().zip(inverse_born).zip(slopes) {
+            let inverse = inverse.0;
+            let polar = -self.kappa[0] * a.charge * a.charge * inverse;
+            let surface = a.surface * inverse.powi(6);
             energy += polar + surface;
-            *slope = -(polar + 6.0 * surface) / b;
+            slope.0 = -(polar + 6.0 * surface) * inverse;
         }
         energy
     }
-
-    /// Energies of pairs; adds to ∂E/∂B and to the forces at constant B.
-    fn pairs(&mut self, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
-        let mut energy = 0.0;
-        for i in 0..x.len() {
-            let (scaled_charge, bi) = (-self.kappa[1] * self.particles[i].charge, self.born[i][0]);
-            let (mut row, mut slope_i, mut force_i) = (0.0, 0.0, Vec3::zero());
-            for j in i + 1..x.len() {
-                let bj = self.born[j][0];
-                let d = x[j] - x[i];
-                let square = d.dot(d);
-                let product = bi * bj;
-                let e = (-square / (4.0 * product)).exp();
-                let f2 = square + product * e;
-                let pair = scaled_charge * self.particles[j].charge / f2.sqrt();
-                row += pair;
-                let by_f2 = -0.5 * pair / f2;
-                slope_i += by_f2 * e * (bj + square / (4.0 * bi));
-                self.slopes[j] += by_f2 * e * (bi + square / (4.0 * bj));
-                let force = d.scale(-2.0 * by_f2 * (1.0 - 0.25 * e));
-                force_i -= force;
-                forces[j] += force;
-            }
-            energy += row;
-            self.slopes[i] += slope_i;
-            forces[i] += force_i;
-        }
-        energy
-    }
-
-    /// Adds the forces through the radii; `slopes` are ∂E/∂I.
-    fn chain(&self, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) {
-        for i in 0..x.len() {
-            let a = self.particles[i];
-            let mut force_i = Vec3::zero();
-            for j in i + 1..x.len() {
-                let b = self.particles[j];
-                let d = x[j] - x[i];
-                let r = d.norm();
-                let slope = self.slopes[i] * bracket_slope(r, a.offset_radius, b.scaled_radius, self.inside)
-                    + self.slopes[j] * bracket_slope(r, b.offset_radius, a.scaled_radius, self.inside);
-                let force = d.scale(-0.5 * slope / r);
-                force_i -= force;
-                forces[j] += force;
-            }
-            forces[i] += force_i;
-        }
-    }
-}
-
-/// The bracket in I.
-#[inline]
-fn bracket(r: f64, o: f64, s: f64, inside: bool) -> f64 {
-    let upper = r + s;
-    if upper <= o {
-        return 0.0;
-    }
-    let lower = o.max((r - s).abs());
-    let (inverse_u, inverse_l) = (1.0 / upper, 1.0 / lower);
-    let squares = inverse_u * inverse_u - inverse_l * inverse_l;
-    let mut sum = inverse_l - inverse_u + 0.25 * (r - s * s / r) * squares + 0.5 * (lower / upper).ln() / r;
-    if inside && o < s - r {
-        sum += 2.0 * (1.0 / o - inverse_l);
-    }
-    sum
-}
-
-/// Its slope in r.
-#[inline]
-fn bracket_slope(r: f64, o: f64, s: f64, inside: bool) -> f64 {
-    let upper = r + s;
-    if upper <= o {
-        return 0.0;
-    }
-    let lower = o.max((r - s).abs());
-    let (inverse_u, inverse_l) = (1.0 / upper, 1.0 / lower);
-    let squares = inverse_u * inverse_u - inverse_l * inverse_l;
-    let inverse_r2 = 1.0 / (r * r);
-    let mut sum = 0.25 * (1.0 + s * s * inverse_r2) * squares - 0.5 * (lower / upper).ln() * inverse_r2;
-    if !inside && o < s - r {
-        sum += 2.0 * inverse_l * inverse_l;
-    }
-    sum
 }

@@ -3,7 +3,7 @@
 //! The closed form of a CustomNonbondedForce, which CHARMM's force fields use; the first type is that of the particle with
 //! the smaller index.
 
-use super::nonbonded::Exclusions;
+use super::exclusions::Exclusions;
 use phipsi_spatial::Vec3;
 
 #[derive(Clone, Debug)]

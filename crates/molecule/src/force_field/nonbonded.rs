@@ -5,11 +5,16 @@
 //! | E | 4 ε [(σ/r)¹² − (σ/r)⁶] + K q q / r |
 //! | σ, ε | (σᵢ + σⱼ)/2, √(εᵢ εⱼ) |
 //! | K | 1/(4πε₀) in kJ/mol·nm/e² |
+//! | slope | −E′/r: the force on the second atom is slope d |
 //! | exceptions | pairs with a charge product, σ and ε of their own, in place of these |
 
+use super::exclusions::Exclusions;
 use super::geometry::distance;
+use super::sweep::{At, PairKernel, Places, Sweep};
+use super::tiles::Tiles;
 use phipsi_formats::system::{Nonbonded, NonbondedException};
 use phipsi_spatial::Vec3;
+use phipsi_spatial::lanes::{Fused, Lanes, Level};
 use std::f64::consts::PI;
 
 /// Elementary charge, C, and Avogadro's number, 1/mol: exact since 2019. Vacuum permittivity, F/m: CODATA 2018, as OpenMM.
@@ -21,79 +26,63 @@ const VACUUM_PERMITTIVITY: f64 = 8.8541878128e-12;
 pub(super) const COULOMB: f64 =
     1e6 * ELEMENTARY_CHARGE * ELEMENTARY_CHARGE * AVOGADRO / (4.0 * PI * VACUUM_PERMITTIVITY);
 
-/// Pairs that a sum over all pairs leaves out: for each particle those with a larger index, in order.
-#[derive(Clone, Debug)]
-pub(super) struct Exclusions {
-    starts: Vec<usize>,
-    partners: Vec<usize>,
-}
-
-impl Exclusions {
-    pub(super) fn new(n: usize, pairs: impl Iterator<Item = [usize; 2]>) -> Self {
-        let mut sorted: Vec<[usize; 2]> = pairs.map(|[i, j]| [i.min(j), i.max(j)]).collect();
-        sorted.sort_unstable();
-        sorted.dedup();
-        let mut starts = vec![0; n + 1];
-        for [i, _] in &sorted {
-            starts[i + 1] += 1;
-        }
-        for i in 0..n {
-            starts[i + 1] += starts[i];
-        }
-        Exclusions { starts, partners: sorted.into_iter().map(|[_, j]| j).collect() }
-    }
-
-    /// Ranges of the partners j > i of particle i that are not excluded.
-    #[inline]
-    pub(super) fn partners(&self, i: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
-        let n = self.starts.len() - 1;
-        let excluded = &self.partners[self.starts[i]..self.starts[i + 1]];
-        let begins = [i + 1].into_iter().chain(excluded.iter().map(|j| j + 1));
-        begins.zip(excluded.iter().copied().chain([n])).map(|(begin, end)| begin..end)
-    }
-}
-
 #[derive(Clone, Debug)]
 pub(super) struct NonbondedPairs {
-    particles: Vec<Particle>,
-    exclusions: Exclusions,
+    tiles: Tiles,
+    places: Places,
+    sweep: Sweep,
+    particles: Particles,
     /// Exceptions with an energy.
     exceptions: Vec<NonbondedException>,
     has_lennard_jones: bool,
 }
 
-/// q, σ/2, 2√ε.
-#[derive(Clone, Copy, Debug)]
-struct Particle {
-    charge: f64,
-    half_sigma: f64,
-    twice_root_epsilon: f64,
+/// √K q, σ/2, 2√ε of each place.
+#[derive(Clone, Debug)]
+struct Particles {
+    charge: Vec<Fused>,
+    half_sigma: Vec<Fused>,
+    twice_root_epsilon: Vec<Fused>,
 }
 
 impl NonbondedPairs {
     pub(super) fn new(tables: &Nonbonded) -> Self {
-        let particles: Vec<Particle> = (tables.particles.iter())
-            .map(|p| Particle {
-                charge: p.charge,
-                half_sigma: 0.5 * p.sigma,
-                twice_root_epsilon: 2.0 * p.epsilon.sqrt(),
-            })
-            .collect();
+        let n = tables.particles.len();
         let exceptions = tables.exceptions.iter();
+        let tiles = Tiles::all_pairs(n, &Exclusions::new(n, exceptions.clone().map(|e| e.atoms)));
+        let padded = tiles.padded();
+        let each = |f: fn(&phipsi_formats::system::NonbondedParticle) -> f64| {
+            let mut all: Vec<Fused> = tables.particles.iter().map(|p| Fused(f(p))).collect();
+            all.resize(padded, Fused(0.0));
+            all
+        };
         NonbondedPairs {
-            exclusions: Exclusions::new(particles.len(), exceptions.clone().map(|e| e.atoms)),
+            places: Places::new(padded),
+            sweep: Sweep::new(&tiles, 0),
+            tiles,
+            particles: Particles {
+                charge: each(|p| COULOMB.sqrt() * p.charge),
+                half_sigma: each(|p| 0.5 * p.sigma),
+                twice_root_epsilon: each(|p| 2.0 * p.epsilon.sqrt()),
+            },
             exceptions: exceptions.filter(|e| e.charge_product != 0.0 || e.epsilon != 0.0).copied().collect(),
-            has_lennard_jones: particles.iter().any(|p| p.twice_root_epsilon != 0.0),
-            particles,
+            has_lennard_jones: tables.particles.iter().any(|p| p.epsilon != 0.0),
         }
     }
 
-    pub(super) fn evaluate(&mut self, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
+    pub(super) fn evaluate(&mut self, level: Level, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
+        let NonbondedPairs { tiles, places, sweep, particles, .. } = self;
+        places.set(x);
         let all_pairs = if self.has_lennard_jones {
-            self.all_pairs::<true>(x, forces)
+            sweep.run(level, tiles, places, &Pairs::<true>(particles))
         } else {
-            self.all_pairs::<false>(x, forces)
+            sweep.run(level, tiles, places, &Pairs::<false>(particles))
         };
+        sweep.add_forces(tiles, forces);
+        all_pairs + self.exceptions(x, forces)
+    }
+
+    fn exceptions(&self, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
         let mut energy = 0.0;
         for exception in &self.exceptions {
             let (r, gradient) = distance(x, exception.atoms);
@@ -105,55 +94,59 @@ impl NonbondedPairs {
             forces[exception.atoms[0]] -= force;
             forces[exception.atoms[1]] += force;
         }
-        all_pairs + energy
-    }
-
-    fn all_pairs<const LENNARD_JONES: bool>(&self, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
-        let mut energy = 0.0;
-        for i in 0..x.len() {
-            let (xi, a) = (x[i], self.particles[i]);
-            let scaled_charge = COULOMB * a.charge;
-            let (mut row, mut force_i) = (0.0, Vec3::zero());
-            for partners in self.exclusions.partners(i) {
-                for j in partners {
-                    let b = self.particles[j];
-                    let d = x[j] - xi;
-                    let inverse_square = 1.0 / d.dot(d);
-                    let coulomb = scaled_charge * b.charge * inverse_square.sqrt();
-                    let (mut pair, mut slope) = (coulomb, coulomb);
-                    if LENNARD_JONES {
-                        let sigma = a.half_sigma + b.half_sigma;
-                        let s2 = sigma * sigma * inverse_square;
-                        let s6 = s2 * s2 * s2;
-                        let scaled = a.twice_root_epsilon * b.twice_root_epsilon * s6;
-                        pair += scaled * (s6 - 1.0);
-                        slope += scaled * (12.0 * s6 - 6.0);
-                    }
-                    row += pair;
-                    let force = d.scale(slope * inverse_square);
-                    force_i -= force;
-                    forces[j] += force;
-                }
-            }
-            energy += row;
-            forces[i] += force_i;
-        }
         energy
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// The sum over pairs that have no exception; with Lennard-Jones energies or without.
+struct Pairs<'a, const LENNARD_JONES: bool>(&'a Particles);
 
-    #[test]
-    fn excluded_pairs_are_left_out_once() {
-        let pairs = [[2, 0], [0, 1], [1, 4], [0, 2], [0, 4]];
-        let exclusions = Exclusions::new(5, pairs.into_iter());
-        let partners = |i: usize| exclusions.partners(i).flatten().collect::<Vec<usize>>();
-        assert_eq!(
-            (0..5).map(partners).collect::<Vec<_>>(),
-            [vec![3], vec![2, 3], vec![3, 4], vec![4], vec![]]
-        );
+impl<const LENNARD_JONES: bool> PairKernel<3> for Pairs<'_, LENNARD_JONES> {
+    type Row<T: Lanes> = [T; 3];
+    type Column<T: Lanes> = [T; 3];
+
+    #[inline(always)]
+    fn row<T: Lanes>(&self, place: usize) -> [T; 3] {
+        let Particles { charge, half_sigma, twice_root_epsilon } = self.0;
+        [
+            T::broadcast(charge[place]),
+            T::broadcast(half_sigma[place]),
+            T::broadcast(twice_root_epsilon[place]),
+        ]
+    }
+    #[inline(always)]
+    fn column<T: Lanes>(&self, first: usize) -> [T; 3] {
+        let Particles { charge, half_sigma, twice_root_epsilon } = self.0;
+        [T::load(&charge[first..]), T::load(&half_sigma[first..]), T::load(&twice_root_epsilon[first..])]
+    }
+    #[inline(always)]
+    fn pair<T: Lanes>(
+        &self,
+        row: &[T; 3],
+        column: &[T; 3],
+        at: At<'_, T>,
+        row_sums: &mut [T; 3],
+        column_sums: &mut [T; 3],
+    ) -> T {
+        let inverse = at.square.reciprocal_root();
+        // Of coincident atoms it is infinite, and the force then not a number.
+        let inverse_square = inverse * inverse;
+        let coulomb = at.only(row[0] * column[0]) * inverse;
+        let (mut energy, mut slope) = (coulomb, coulomb);
+        if LENNARD_JONES {
+            let sigma = row[1] + column[1];
+            let s2 = sigma * sigma * inverse_square;
+            let s6 = s2 * s2 * s2;
+            let scaled = at.only(row[2] * column[2]) * s6;
+            energy = scaled.fma(s6 - T::one(), energy);
+            slope = scaled.fma(s6.fma(T::splat(12.0), T::splat(-6.0)), slope);
+        }
+        let slope = slope * inverse_square;
+        let opposite = -slope;
+        for k in 0..3 {
+            row_sums[k] = opposite.fma(at.d[k], row_sums[k]);
+            column_sums[k] = slope.fma(at.d[k], column_sums[k]);
+        }
+        energy
     }
 }

@@ -2,9 +2,9 @@
 //!
 //! A formula fits a pattern if both are the same expression after parsing, but for numbers that the pattern leaves open.
 
+use super::exclusions::Exclusions;
 use super::generalized_born::{GeneralizedBorn, Particle};
 use super::lennard_jones_table::LennardJonesTable;
-use super::nonbonded::Exclusions;
 use phipsi_formats::Expression;
 use phipsi_formats::system::{CustomGb, CustomNonbonded, Formula, GbScope};
 
@@ -204,7 +204,8 @@ mod tests {
                         (0..n).map(|_| Vec3([0, 1, 2].map(|_| size * random.signed()))).collect();
                     let zero = vec![Vec3([0.0; 3]); n];
                     let (mut f, mut g) = (zero.clone(), zero);
-                    let (a, b) = (closed.evaluate(&x, &mut f), general.evaluate(&x, &mut g));
+                    let level = phipsi_spatial::lanes::Level::best();
+                    let (a, b) = (closed.evaluate(level, &x, &mut f), general.evaluate(level, &x, &mut g));
                     let largest = |f: &[Vec3<f64>]| f.iter().map(|f| f.norm()).fold(0.0, f64::max);
                     let difference: Vec<Vec3<f64>> = f.iter().zip(&g).map(|(f, g)| *f - *g).collect();
                     // About 10² operations between a coordinate and the energy of a pair, 231 pairs, and cancellation
