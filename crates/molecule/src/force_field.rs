@@ -16,6 +16,7 @@ mod geometry;
 mod harmonic_angle;
 mod harmonic_bond;
 mod lennard_jones_table;
+mod neighbors;
 mod nonbonded;
 mod periodic_torsion;
 mod rb_torsion;

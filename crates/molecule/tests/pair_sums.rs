@@ -57,6 +57,7 @@ fn born(n: usize, random: &mut Random) -> GbsaObc {
         scale: 0.8 + 0.3 * random.signed(),
     });
     GbsaObc {
+        cutoff: None,
         solvent_dielectric: 78.5,
         solute_dielectric: 1.0,
         surface_area_energy: 2.25936,

@@ -4,26 +4,48 @@
 //! bracket is missing: 2/L² remains there.
 
 use super::generalized_born::Columns;
-use super::sweep::{At, PairKernel};
+use super::sweep::{At, PairKernel, push};
 use phipsi_spatial::lanes::Lanes;
 
-/// Sums the brackets of each place, and keeps −½/r times their slopes in r: of the first place's, then of the second's.
-pub(super) struct Integrals<'a, const INSIDE: bool>(pub &'a Columns);
+/// Numbers of a pair that [`Integrals`] keeps for [`Chain`]: −½/r times the slopes in r of the first place's bracket, and of the
+/// second's.
+pub(super) const KEPT: usize = 2;
 
-impl<const INSIDE: bool> Integrals<'_, INSIDE> {
-    /// Numbers kept.
-    pub(super) const NUMBERS: usize = 2;
+/// Sums the brackets of each place.
+pub(super) struct Integrals<'a, const INSIDE: bool, const CUTOFF: bool, const KEEPS: bool> {
+    pub columns: &'a Columns,
+    pub cutoff_square: f64,
 }
 
-impl<const INSIDE: bool> PairKernel<1> for Integrals<'_, INSIDE> {
-    const KEPT: usize = Self::NUMBERS;
+impl<const INSIDE: bool, const CUTOFF: bool, const KEEPS: bool> Integrals<'_, INSIDE, CUTOFF, KEEPS> {
+    /// The brackets of both places, and the numbers to keep.
+    #[inline(always)]
+    fn brackets<T: Lanes>(row: &[T; 3], column: &[T; 3], at: &At<'_, T>) -> ([T; 2], [T; 2]) {
+        let inverse_r = at.square.reciprocal_root();
+        let r = at.square * inverse_r;
+        let (of_row, row_slope) = bracket::<T, INSIDE>(r, inverse_r, row[0], row[1], column[2]);
+        let (of_column, column_slope) = bracket::<T, INSIDE>(r, inverse_r, column[0], column[1], row[2]);
+        let scale = T::splat(-0.5) * inverse_r;
+        ([at.only(of_row), at.only(of_column)], [at.only(row_slope * scale), at.only(column_slope * scale)])
+    }
+}
+
+impl<const INSIDE: bool, const CUTOFF: bool, const KEEPS: bool> PairKernel<1>
+    for Integrals<'_, INSIDE, CUTOFF, KEEPS>
+{
+    const KEPT: usize = if KEEPS { KEPT } else { 0 };
+    const CUTOFF: bool = CUTOFF;
     /// o, 1/o, s.
     type Row<T: Lanes> = [T; 3];
     type Column<T: Lanes> = [T; 3];
 
     #[inline(always)]
+    fn cutoff_square(&self) -> f64 {
+        self.cutoff_square
+    }
+    #[inline(always)]
     fn row<T: Lanes>(&self, place: usize) -> [T; 3] {
-        let Columns { offset_radius, inverse_offset_radius, scaled_radius, .. } = self.0;
+        let Columns { offset_radius, inverse_offset_radius, scaled_radius, .. } = self.columns;
         [
             T::broadcast(offset_radius[place]),
             T::broadcast(inverse_offset_radius[place]),
@@ -32,7 +54,7 @@ impl<const INSIDE: bool> PairKernel<1> for Integrals<'_, INSIDE> {
     }
     #[inline(always)]
     fn column<T: Lanes>(&self, first: usize) -> [T; 3] {
-        let Columns { offset_radius, inverse_offset_radius, scaled_radius, .. } = self.0;
+        let Columns { offset_radius, inverse_offset_radius, scaled_radius, .. } = self.columns;
         [
             T::load(&offset_radius[first..]),
             T::load(&inverse_offset_radius[first..]),
@@ -48,16 +70,13 @@ impl<const INSIDE: bool> PairKernel<1> for Integrals<'_, INSIDE> {
         row_sums: &mut [T; 1],
         column_sums: &mut [T; 1],
     ) -> T {
-        let inverse_r = at.square.reciprocal_root();
-        let r = at.square * inverse_r;
-        let (of_row, row_slope) = bracket::<T, INSIDE>(r, inverse_r, row[0], row[1], column[2]);
-        let (of_column, column_slope) = bracket::<T, INSIDE>(r, inverse_r, column[0], column[1], row[2]);
-        row_sums[0] += at.only(of_row);
-        column_sums[0] += at.only(of_column);
-        let scale = T::splat(-0.5) * inverse_r;
-        let (first, second) = (at.only(row_slope * scale), at.only(column_slope * scale));
-        at.keep(0, first);
-        at.keep(1, second);
+        let (brackets, slopes) = Self::brackets(row, column, &at);
+        row_sums[0] += brackets[0];
+        column_sums[0] += brackets[1];
+        if KEEPS {
+            at.keep(0, slopes[0]);
+            at.keep(1, slopes[1]);
+        }
         T::zero()
     }
 }
@@ -89,7 +108,7 @@ fn bracket<T: Lanes, const INSIDE: bool>(r: T, inverse_r: T, o: T, inverse_o: T,
 pub(super) struct Chain<'a>(pub &'a Columns);
 
 impl PairKernel<3> for Chain<'_> {
-    const KEPT: usize = Integrals::<true>::NUMBERS;
+    const KEPT: usize = KEPT;
     /// ∂E/∂I.
     type Row<T: Lanes> = T;
     type Column<T: Lanes> = T;
@@ -111,12 +130,45 @@ impl PairKernel<3> for Chain<'_> {
         row_sums: &mut [T; 3],
         column_sums: &mut [T; 3],
     ) -> T {
-        let force = row.fma(at.kept(0), *column * at.kept(1));
-        let opposite = -force;
-        for k in 0..3 {
-            row_sums[k] = opposite.fma(at.d[k], row_sums[k]);
-            column_sums[k] = force.fma(at.d[k], column_sums[k]);
-        }
+        push(row.fma(at.kept(0), *column * at.kept(1)), &at.d, row_sums, column_sums);
+        T::zero()
+    }
+}
+
+/// The same, from slopes computed again.
+pub(super) struct ChainAgain<'a, const INSIDE: bool, const CUTOFF: bool>(
+    pub Integrals<'a, INSIDE, CUTOFF, false>,
+);
+
+impl<const INSIDE: bool, const CUTOFF: bool> PairKernel<3> for ChainAgain<'_, INSIDE, CUTOFF> {
+    const CUTOFF: bool = CUTOFF;
+    /// ∂E/∂I; o, 1/o, s.
+    type Row<T: Lanes> = (T, [T; 3]);
+    type Column<T: Lanes> = (T, [T; 3]);
+
+    #[inline(always)]
+    fn cutoff_square(&self) -> f64 {
+        self.0.cutoff_square
+    }
+    #[inline(always)]
+    fn row<T: Lanes>(&self, place: usize) -> (T, [T; 3]) {
+        (Chain(self.0.columns).row(place), self.0.row(place))
+    }
+    #[inline(always)]
+    fn column<T: Lanes>(&self, first: usize) -> (T, [T; 3]) {
+        (Chain(self.0.columns).column(first), self.0.column(first))
+    }
+    #[inline(always)]
+    fn pair<T: Lanes>(
+        &self,
+        row: &(T, [T; 3]),
+        column: &(T, [T; 3]),
+        at: At<'_, T>,
+        row_sums: &mut [T; 3],
+        column_sums: &mut [T; 3],
+    ) -> T {
+        let (_, slopes) = Integrals::<INSIDE, CUTOFF, false>::brackets(&row.1, &column.1, &at);
+        push(row.0.fma(slopes[0], column.0 * slopes[1]), &at.d, row_sums, column_sums);
         T::zero()
     }
 }

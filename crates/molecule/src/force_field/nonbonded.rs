@@ -1,4 +1,4 @@
-//! Lennard-Jones and Coulomb energies of all pairs, without cutoff.
+//! Lennard-Jones and Coulomb energies of all pairs, or of those within a cutoff.
 //!
 //! | symbol | meaning |
 //! |---|---|
@@ -6,13 +6,16 @@
 //! | σ, ε | (σᵢ + σⱼ)/2, √(εᵢ εⱼ) |
 //! | K | 1/(4πε₀) in kJ/mol·nm/e² |
 //! | slope | −E′/r: the force on the second atom is slope d |
-//! | exceptions | pairs with a charge product, σ and ε of their own, in place of these |
+//! | exceptions | pairs with a charge product, σ and ε of their own, in place of these, at any distance |
+//! | r_c, r_s | cutoff, and where switching begins; with a cutoff the Coulomb energy is K q q (1/r + k r² − c) |
+//! | k, c | (ε_f − 1)/((2 ε_f + 1) r_c³), 3 ε_f/((2 ε_f + 1) r_c), with the dielectric constant ε_f beyond the cutoff |
+//! | S | 1 − 10 t³ + 15 t⁴ − 6 t⁵, t = (r − r_s)/(r_c − r_s) ≥ 0: factor of Lennard-Jones energies |
 
 use super::exclusions::Exclusions;
 use super::geometry::distance;
-use super::sweep::{At, PairKernel, Places, Sweep};
-use super::tiles::Tiles;
-use phipsi_formats::system::{Nonbonded, NonbondedException};
+use super::neighbors::Neighbors;
+use super::sweep::{At, PairKernel, Places, Sweep, push};
+use phipsi_formats::system::{Cutoff, Nonbonded, NonbondedException, NonbondedParticle};
 use phipsi_spatial::Vec3;
 use phipsi_spatial::lanes::{Fused, Lanes, Level};
 use std::f64::consts::PI;
@@ -28,10 +31,11 @@ pub(super) const COULOMB: f64 =
 
 #[derive(Clone, Debug)]
 pub(super) struct NonbondedPairs {
-    tiles: Tiles,
+    neighbors: Neighbors,
     places: Places,
     sweep: Sweep,
     particles: Particles,
+    field: Option<ReactionField>,
     /// Exceptions with an energy.
     exceptions: Vec<NonbondedException>,
     has_lennard_jones: bool,
@@ -45,21 +49,48 @@ struct Particles {
     twice_root_epsilon: Vec<Fused>,
 }
 
+/// The numbers of a cutoff.
+#[derive(Clone, Copy, Debug)]
+struct ReactionField {
+    /// r_c², k, c.
+    square: f64,
+    k: f64,
+    c: f64,
+    /// r_s, 1/(r_c − r_s).
+    switching: Option<[f64; 2]>,
+}
+
+impl ReactionField {
+    fn new(cutoff: Cutoff, dielectric: f64) -> Self {
+        let (r, scale) = (cutoff.distance, 1.0 / (2.0 * dielectric + 1.0));
+        ReactionField {
+            square: r * r,
+            k: (dielectric - 1.0) * scale / (r * r * r),
+            c: 3.0 * dielectric * scale / r,
+            switching: cutoff.switching.map(|start| [start, 1.0 / (r - start)]),
+        }
+    }
+}
+
 impl NonbondedPairs {
     pub(super) fn new(tables: &Nonbonded) -> Self {
         let n = tables.particles.len();
         let exceptions = tables.exceptions.iter();
-        let tiles = Tiles::all_pairs(n, &Exclusions::new(n, exceptions.clone().map(|e| e.atoms)));
-        let padded = tiles.padded();
-        let each = |f: fn(&phipsi_formats::system::NonbondedParticle) -> f64| {
+        let exclusions = Exclusions::new(n, exceptions.clone().map(|e| e.atoms));
+        let neighbors = Neighbors::new(n, exclusions, tables.cutoff.map(|c| c.distance));
+        let padded = neighbors.tiles().padded();
+        let mut sweep = Sweep::default();
+        sweep.fit(neighbors.tiles(), 0);
+        let each = |f: fn(&NonbondedParticle) -> f64| {
             let mut all: Vec<Fused> = tables.particles.iter().map(|p| Fused(f(p))).collect();
             all.resize(padded, Fused(0.0));
             all
         };
         NonbondedPairs {
             places: Places::new(padded),
-            sweep: Sweep::new(&tiles, 0),
-            tiles,
+            sweep,
+            neighbors,
+            field: tables.cutoff.map(|c| ReactionField::new(c, tables.reaction_field_dielectric)),
             particles: Particles {
                 charge: each(|p| COULOMB.sqrt() * p.charge),
                 half_sigma: each(|p| 0.5 * p.sigma),
@@ -71,12 +102,14 @@ impl NonbondedPairs {
     }
 
     pub(super) fn evaluate(&mut self, level: Level, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
-        let NonbondedPairs { tiles, places, sweep, particles, .. } = self;
+        let NonbondedPairs { neighbors, places, sweep, particles, .. } = self;
+        neighbors.update(x);
         places.set(x);
-        let all_pairs = if self.has_lennard_jones {
-            sweep.run(level, tiles, places, &Pairs::<true>(particles))
-        } else {
-            sweep.run(level, tiles, places, &Pairs::<false>(particles))
+        let tiles = neighbors.tiles();
+        let all_pairs = match (self.field, self.has_lennard_jones) {
+            (None, true) => sweep.run(level, tiles, places, &Pairs::<true> { particles }),
+            (None, false) => sweep.run(level, tiles, places, &Pairs::<false> { particles }),
+            (Some(field), _) => sweep.run(level, tiles, places, &NearPairs { particles, field }),
         };
         sweep.add_forces(tiles, forces);
         all_pairs + self.exceptions(x, forces)
@@ -98,16 +131,10 @@ impl NonbondedPairs {
     }
 }
 
-/// The sum over pairs that have no exception; with Lennard-Jones energies or without.
-struct Pairs<'a, const LENNARD_JONES: bool>(&'a Particles);
-
-impl<const LENNARD_JONES: bool> PairKernel<3> for Pairs<'_, LENNARD_JONES> {
-    type Row<T: Lanes> = [T; 3];
-    type Column<T: Lanes> = [T; 3];
-
+impl Particles {
     #[inline(always)]
     fn row<T: Lanes>(&self, place: usize) -> [T; 3] {
-        let Particles { charge, half_sigma, twice_root_epsilon } = self.0;
+        let Particles { charge, half_sigma, twice_root_epsilon } = self;
         [
             T::broadcast(charge[place]),
             T::broadcast(half_sigma[place]),
@@ -116,8 +143,36 @@ impl<const LENNARD_JONES: bool> PairKernel<3> for Pairs<'_, LENNARD_JONES> {
     }
     #[inline(always)]
     fn column<T: Lanes>(&self, first: usize) -> [T; 3] {
-        let Particles { charge, half_sigma, twice_root_epsilon } = self.0;
+        let Particles { charge, half_sigma, twice_root_epsilon } = self;
         [T::load(&charge[first..]), T::load(&half_sigma[first..]), T::load(&twice_root_epsilon[first..])]
+    }
+}
+
+/// 4 ε and (σ/r)⁶ of a pair, both multiplied: of lanes without a pair 0; and (σ/r)⁶ itself.
+#[inline(always)]
+fn lennard_jones<T: Lanes>(row: &[T; 3], column: &[T; 3], at: &At<'_, T>, inverse_square: T) -> (T, T) {
+    let sigma = row[1] + column[1];
+    let s2 = sigma * sigma * inverse_square;
+    let s6 = s2 * s2 * s2;
+    (at.only(row[2] * column[2]) * s6, s6)
+}
+
+/// The sum over pairs that have no exception; with Lennard-Jones energies or without.
+struct Pairs<'a, const LENNARD_JONES: bool> {
+    particles: &'a Particles,
+}
+
+impl<const LENNARD_JONES: bool> PairKernel<3> for Pairs<'_, LENNARD_JONES> {
+    type Row<T: Lanes> = [T; 3];
+    type Column<T: Lanes> = [T; 3];
+
+    #[inline(always)]
+    fn row<T: Lanes>(&self, place: usize) -> [T; 3] {
+        self.particles.row(place)
+    }
+    #[inline(always)]
+    fn column<T: Lanes>(&self, first: usize) -> [T; 3] {
+        self.particles.column(first)
     }
     #[inline(always)]
     fn pair<T: Lanes>(
@@ -134,19 +189,68 @@ impl<const LENNARD_JONES: bool> PairKernel<3> for Pairs<'_, LENNARD_JONES> {
         let coulomb = at.only(row[0] * column[0]) * inverse;
         let (mut energy, mut slope) = (coulomb, coulomb);
         if LENNARD_JONES {
-            let sigma = row[1] + column[1];
-            let s2 = sigma * sigma * inverse_square;
-            let s6 = s2 * s2 * s2;
-            let scaled = at.only(row[2] * column[2]) * s6;
+            let (scaled, s6) = lennard_jones(row, column, &at, inverse_square);
             energy = scaled.fma(s6 - T::one(), energy);
             slope = scaled.fma(s6.fma(T::splat(12.0), T::splat(-6.0)), slope);
         }
-        let slope = slope * inverse_square;
-        let opposite = -slope;
-        for k in 0..3 {
-            row_sums[k] = opposite.fma(at.d[k], row_sums[k]);
-            column_sums[k] = slope.fma(at.d[k], column_sums[k]);
-        }
+        push(slope * inverse_square, &at.d, row_sums, column_sums);
         energy
+    }
+}
+
+/// The same within a cutoff.
+struct NearPairs<'a> {
+    particles: &'a Particles,
+    field: ReactionField,
+}
+
+impl PairKernel<3> for NearPairs<'_> {
+    const CUTOFF: bool = true;
+    type Row<T: Lanes> = [T; 3];
+    type Column<T: Lanes> = [T; 3];
+
+    #[inline(always)]
+    fn cutoff_square(&self) -> f64 {
+        self.field.square
+    }
+    #[inline(always)]
+    fn row<T: Lanes>(&self, place: usize) -> [T; 3] {
+        self.particles.row(place)
+    }
+    #[inline(always)]
+    fn column<T: Lanes>(&self, first: usize) -> [T; 3] {
+        self.particles.column(first)
+    }
+    #[inline(always)]
+    fn pair<T: Lanes>(
+        &self,
+        row: &[T; 3],
+        column: &[T; 3],
+        at: At<'_, T>,
+        row_sums: &mut [T; 3],
+        column_sums: &mut [T; 3],
+    ) -> T {
+        let inverse = at.square.reciprocal_root();
+        let inverse_square = inverse * inverse;
+        let charges = at.only(row[0] * column[0]);
+        let k_square = at.square * T::splat(self.field.k);
+        let coulomb = charges * ((inverse + k_square) - T::splat(self.field.c));
+        let coulomb_slope = charges * (inverse - (k_square + k_square));
+        let (scaled, s6) = lennard_jones(row, column, &at, inverse_square);
+        let mut energy = scaled * (s6 - T::one());
+        let mut slope = scaled * s6.fma(T::splat(12.0), T::splat(-6.0));
+        if let Some([start, scale]) = self.field.switching {
+            let (r, scale) = (at.square * inverse, T::splat(scale));
+            let t = ((r - T::splat(start)) * scale).larger(T::zero());
+            let (t2, six) = (t * t, T::splat(-6.0));
+            let factor = (t2 * t).fma(t.fma(t.fma(six, T::splat(15.0)), T::splat(-10.0)), T::one());
+            // −r S′ = 30 t² (1 − t)² r/(r_c − r_s).
+            let rest = T::one() - t;
+            let fall = T::splat(30.0) * t2 * rest * rest * scale * r;
+            slope = energy.fma(fall, slope * factor);
+            energy *= factor;
+        }
+        push((slope + coulomb_slope) * inverse_square, &at.d, row_sums, column_sums);
+        energy + coulomb
     }
 }

@@ -3,7 +3,7 @@
 //! A formula fits a pattern if both are the same expression after parsing, but for numbers that the pattern leaves open.
 
 use super::exclusions::Exclusions;
-use super::generalized_born::{GeneralizedBorn, Particle};
+use super::generalized_born::{Constants, GeneralizedBorn, Particle};
 use super::lennard_jones_table::LennardJonesTable;
 use phipsi_formats::Expression;
 use phipsi_formats::system::{CustomGb, CustomNonbonded, Formula, GbScope};
@@ -39,7 +39,7 @@ pub(super) fn lennard_jones(tables: &CustomNonbonded, n: usize) -> Option<Lennar
     let known = |x: &f64| (x.round() >= 0.0 && x.round() < count as f64).then_some(x.round() as usize);
     let types = tables.parameters.iter().map(known).collect::<Option<Vec<usize>>>()?;
     let exclusions = Exclusions::new(n, tables.exclusions.iter().copied());
-    Some(LennardJonesTable { types, count, coefficients, exclusions })
+    Some(LennardJonesTable { types, count, coefficients, exclusions, cutoff: tables.cutoff })
 }
 
 /// The energy that OpenMM's `implicit/obc2.xml` makes, with or without its surface energy.
@@ -69,7 +69,9 @@ pub(super) fn obc2(tables: &CustomGb) -> Option<GeneralizedBorn> {
             }
             GbScope::Pair => {
                 let f = "f=sqrt(r^2+B1*B2*exp(-r^2/(4*B1*B2)))";
-                (&mut pair, fit(&format!("-{a}*charge1*charge2/f; {f}"), &energy.formula)?)
+                let plain = fit(&format!("-{a}*charge1*charge2/f; {f}"), &energy.formula);
+                let shifted = || fit(&format!("-{a}*charge1*charge2*(1/f-{b}); {f}"), &energy.formula);
+                (&mut pair, plain.or_else(shifted)?)
             }
             GbScope::PairWithExclusions => return None,
         };
@@ -91,7 +93,15 @@ pub(super) fn obc2(tables: &CustomGb) -> Option<GeneralizedBorn> {
         let radius = offset_radius + offset;
         particles.push(Particle { charge, offset_radius, scaled_radius, radius, surface });
     }
-    Some(GeneralizedBorn::new(particles, [own?[0], pair?[0]], [beta, gamma], false))
+    let [factor, shift, _] = pair?;
+    let constants = Constants {
+        kappa: [own?[0], factor],
+        obc: [beta, gamma],
+        inside: false,
+        cutoff: tables.cutoff,
+        shift,
+    };
+    Some(GeneralizedBorn::new(particles, constants))
 }
 
 /// The numbers in place of the open ones; `None` unless the formula fits the pattern. Absent ones are 0.

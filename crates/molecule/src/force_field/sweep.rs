@@ -16,6 +16,12 @@ pub(super) const MOST_SUMS: usize = 4;
 pub(super) trait PairKernel<const S: usize>: Sync {
     /// Numbers of each pair that are kept for a later kernel on the same tiles.
     const KEPT: usize = 0;
+    /// The square of the distance from which on pairs add nothing.
+    const CUTOFF: bool = false;
+    #[inline(always)]
+    fn cutoff_square(&self) -> f64 {
+        f64::INFINITY
+    }
     /// Numbers of a place in all lanes, and of as many places as there are lanes.
     type Row<T: Lanes>: Copy;
     type Column<T: Lanes>: Copy;
@@ -38,17 +44,23 @@ pub(super) struct At<'a, T> {
     pub d: [T; 3],
     pub square: T,
     /// The lanes that have a pair; all where there is none.
-    pub lanes: Option<u32>,
+    lanes: Option<u32>,
+    /// The square of the cutoff.
+    limit: Option<T>,
     /// The first of the numbers kept; the next begin [`COLUMNS`] further each.
     pub kept: &'a mut [Fused],
 }
 
 impl<T: Lanes> At<'_, T> {
-    /// The number in lanes with a pair, 0 in others.
+    /// The number in lanes with a pair within the cutoff, 0 in others.
     #[inline(always)]
     pub(super) fn only(&self, x: T) -> T {
-        match self.lanes {
+        let x = match self.lanes {
             Some(bits) => x.choose(bits, T::zero()),
+            None => x,
+        };
+        match self.limit {
+            Some(limit) => self.square.below(limit, x, T::zero()),
             None => x,
         }
     }
@@ -59,6 +71,21 @@ impl<T: Lanes> At<'_, T> {
     #[inline(always)]
     pub(super) fn kept(&self, number: usize) -> T {
         T::load(&self.kept[number * COLUMNS..])
+    }
+}
+
+/// Adds the force `force` d to the first three sums of the second atom, and takes it from those of the first.
+#[inline(always)]
+pub(super) fn push<T: Lanes, const S: usize>(
+    force: T,
+    d: &[T; 3],
+    row_sums: &mut [T; S],
+    column_sums: &mut [T; S],
+) {
+    let opposite = -force;
+    for k in 0..3 {
+        row_sums[k] = opposite.fma(d[k], row_sums[k]);
+        column_sums[k] = force.fma(d[k], column_sums[k]);
     }
 }
 
@@ -97,14 +124,13 @@ struct Chunk {
 }
 
 impl Sweep {
-    /// For tiles, with so many numbers kept of each pair.
-    pub(super) fn new(tiles: &Tiles, kept: usize) -> Self {
-        let chunk = |rows: &Range<usize>| Chunk {
-            sums: vec![Fused(0.0); MOST_SUMS * tiles.padded()],
-            energy: 0.0,
-            kept: vec![Fused(0.0); tiles.count(rows) * ROWS * COLUMNS * kept],
-        };
-        Sweep { chunks: tiles.chunks().iter().map(chunk).collect() }
+    /// Makes room for tiles, with so many numbers kept of each pair.
+    pub(super) fn fit(&mut self, tiles: &Tiles, kept: usize) {
+        self.chunks.resize_with(tiles.chunks().len(), Chunk::default);
+        for (rows, chunk) in tiles.chunks().iter().zip(&mut self.chunks) {
+            chunk.sums.resize(MOST_SUMS * tiles.padded(), Fused(0.0));
+            chunk.kept.resize(tiles.count(rows) * ROWS * COLUMNS * kept, Fused(0.0));
+        }
     }
 
     /// Runs a kernel on all pairs; the energy.
@@ -264,6 +290,7 @@ fn row_block<const S: usize, T: Lanes, K: PairKernel<S>>(
     ];
     let row: [K::Row<T>; ROWS] =
         [kernel.row(first), kernel.row(first + 1), kernel.row(first + 2), kernel.row(first + 3)];
+    let limit = if K::CUTOFF { Some(T::splat(kernel.cutoff_square())) } else { None };
     let mut row_sums = [[T::zero(); S]; ROWS];
     let mut energy = T::zero();
     for (number, tile) in tiles.iter().enumerate() {
@@ -282,12 +309,12 @@ fn row_block<const S: usize, T: Lanes, K: PairKernel<S>>(
                 _ => &mut kept[(number * ROWS + i) * COLUMNS * K::KEPT + half..],
             };
             if tile.mask == WHOLE {
-                let at = At { d, square, lanes: None, kept };
+                let at = At { d, square, lanes: None, limit, kept };
                 energy += kernel.pair(&row[i], &column, at, &mut row_sums[i], &mut column_sums);
             } else {
                 let bits = tile.mask >> (i * COLUMNS + half);
                 let square = square.choose(bits, T::one());
-                let at = At { d, square, lanes: Some(bits), kept };
+                let at = At { d, square, lanes: Some(bits), limit, kept };
                 energy += kernel.pair(&row[i], &column, at, &mut row_sums[i], &mut column_sums);
             }
         }

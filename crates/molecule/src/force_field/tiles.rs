@@ -16,6 +16,8 @@ pub(super) const WHOLE: u32 = u32::MAX;
 /// Tiles that a chunk has at least, so that a thread is worth its start, and the most chunks: each has sums of its own.
 const CHUNK: usize = 1000;
 const MOST_CHUNKS: usize = 16;
+/// Row blocks of a chunk at least, where the tiles are those of a list.
+const ROWS_OF_CHUNK: usize = 25;
 
 /// A column block with the pairs that it has with a row block: bit `COLUMNS * row + column`.
 #[derive(Clone, Copy, Debug)]
@@ -57,6 +59,27 @@ impl Tiles {
         tiles
     }
 
+    /// No tiles yet of n atoms: [`Tiles::list`] makes them. The chunks depend on nothing but n, so that no sum depends on the
+    /// list.
+    pub(super) fn listed(n: usize) -> Self {
+        let rows = n.div_ceil(ROWS);
+        let count = (rows / ROWS_OF_CHUNK).clamp(1, MOST_CHUNKS);
+        let chunks = (0..count).map(|k| rows * k / count..rows * (k + 1) / count).collect();
+        Tiles { places: n, starts: vec![0; rows + 1], tiles: Vec::new(), chunks }
+    }
+
+    /// Lists the tiles again: `row` appends those of a row block, in the order of their columns.
+    pub(super) fn list(&mut self, mut row: impl FnMut(usize, &mut Vec<Tile>)) {
+        self.tiles.clear();
+        for rows in 0..self.starts.len() - 1 {
+            self.starts[rows] = self.tiles.len();
+            row(rows, &mut self.tiles);
+        }
+        if let Some(last) = self.starts.last_mut() {
+            *last = self.tiles.len();
+        }
+    }
+
     /// Chunks of the row blocks.
     fn divide(&mut self) {
         let (rows, tiles) = (self.starts.len(), self.tiles.len());
@@ -94,7 +117,7 @@ impl Tiles {
 }
 
 /// The pairs of a tile whose first place is before the second and both before n.
-fn inside(rows: usize, block: usize, n: usize) -> u32 {
+pub(super) fn inside(rows: usize, block: usize, n: usize) -> u32 {
     let mut mask = 0;
     for row in 0..ROWS {
         for column in 0..COLUMNS {
