@@ -175,9 +175,21 @@ type Conformation = (Vec<V>, Value);
 
 /// Every kind of force and every feature of it: `make.py` beside the data writes them with OpenMM.
 fn every_force() -> Vec<(String, System, Vec<Conformation>)> {
-    ["bonded", "pairs", "implicit"]
+    cases("every_force", ["bonded", "pairs", "implicit"])
+}
+
+/// Forces with cutoffs, in the same way.
+fn cutoffs() -> Vec<(String, System, Vec<Conformation>)> {
+    let molecules = ["reaction_field", "switched", "born", "custom_born", "charmm"];
+    let mut all = cases("cutoffs", molecules);
+    all.extend(cases("cutoffs", ["custom_pairs", "custom_implicit"]));
+    all
+}
+
+fn cases<const N: usize>(folder: &str, names: [&str; N]) -> Vec<(String, System, Vec<Conformation>)> {
+    names
         .map(|name| {
-            let folder = data().join("every_force");
+            let folder = data().join(folder);
             let reference = text(&folder.join(format!("{name}.ref.json.gz")));
             let reference: Value = serde_json::from_str(&reference).unwrap();
             let conformations = reference["conformations"].as_array().unwrap().iter();
@@ -190,7 +202,7 @@ fn every_force() -> Vec<(String, System, Vec<Conformation>)> {
 
 #[test]
 fn every_force_agrees_with_openmm() {
-    for (name, system, conformations) in every_force() {
+    for (name, system, conformations) in every_force().into_iter().chain(cutoffs()) {
         let mut field = ForceField::new(&system).unwrap();
         for (k, (positions, terms)) in conformations.iter().enumerate() {
             let expected = terms.as_object().unwrap();
@@ -203,7 +215,7 @@ fn every_force_agrees_with_openmm() {
                 let expected_forces = vectors(&expected["forces"]);
                 let expected = expected["energy"].as_f64().unwrap();
                 let difference = largest_difference(&forces, &expected_forces) / largest(&expected_forces);
-                // At most 36 pairs, whose energies cancel by less than 10².
+                // At most 2775 pairs, whose energies cancel by less than 10².
                 let relative = (energy - expected).abs() / expected.abs();
                 assert!(relative <= BAR, "{place}: {energy} {expected}");
                 assert!(difference <= BAR, "{place}: {difference:e}");
@@ -252,7 +264,7 @@ fn forces_are_slopes_of_energies() {
 
 #[test]
 fn forces_have_no_sum_and_no_moment() {
-    for (name, system, conformations) in every_force() {
+    for (name, system, conformations) in every_force().into_iter().chain(cutoffs()) {
         let mut field = ForceField::new(&system).unwrap();
         for (positions, _) in &conformations {
             for term in 0..field.terms().len() {
@@ -299,11 +311,13 @@ fn what_is_not_finite_is_an_error_with_its_atoms() {
 #[test]
 fn nothing_is_allocated_in_an_evaluation() {
     assert_eq!(measure(|| drop(std::hint::black_box(vec![0u8; 8]))).count_total, 1);
-    for (name, system, conformations) in every_force() {
+    for (name, system, conformations) in every_force().into_iter().chain(cutoffs()) {
         let mut field = ForceField::new(&system).unwrap();
         let positions = &conformations[0].0;
         let (mut energies, mut forces) =
             (vec![0.0; field.terms().len()], vec![Vec3([0.0; 3]); positions.len()]);
+        // The first evaluation makes the lists of neighbours.
+        field.evaluate(positions, &mut energies, &mut forces).unwrap();
         let counted = measure(|| field.evaluate(positions, &mut energies, &mut forces).unwrap());
         assert_eq!(counted.count_total, 0, "{name}: {counted:?}");
     }
@@ -317,8 +331,8 @@ fn systems_with_wrong_numbers_do_not_panic() {
         "0", "-1", "1", "2", "3", "7", "8", "0.5", "1e-9", "1e-300", "5e-324", "1e154", "-1e200", "1e308",
         "-0", "1e6",
     ];
-    let files = ["bonded", "pairs", "implicit"]
-        .map(|name| text(&data().join("every_force").join(format!("{name}.xml.gz"))));
+    let files = ["every_force/bonded", "every_force/pairs", "every_force/implicit", "cutoffs/custom_pairs"]
+        .map(|name| text(&data().join(format!("{name}.xml.gz"))));
     let number = |variable: &str| std::env::var(variable).ok().and_then(|text| text.parse::<u64>().ok());
     let duration = number("PHIPSI_FUZZ_SECONDS").map_or(Duration::from_secs(2), Duration::from_secs);
     let first = number("PHIPSI_FUZZ_SEED").unwrap_or(0);
@@ -326,7 +340,7 @@ fn systems_with_wrong_numbers_do_not_panic() {
     while seed == first || start.elapsed() < duration {
         let run = std::panic::catch_unwind(|| {
             let mut r = Random::new(seed);
-            let mut text = files[r.below(3)].clone();
+            let mut text = files[r.below(files.len())].clone();
             for _ in 0..1 + r.below(3) {
                 let is_number = |c: char| c.is_ascii_digit() || c == '.' || c == '-';
                 let at = r.below(text.len());

@@ -1,7 +1,8 @@
 //! Sums over pairs against the plain double loops of the same formulas, on generated atoms; and their reproducibility.
 
-use phipsi_formats::system::{Force, ForceKind, GbsaObc, GbsaParticle};
-use phipsi_formats::system::{Nonbonded, NonbondedException, NonbondedParticle, System};
+use phipsi_formats::system::{
+    Cutoff, Force, ForceKind, GbsaObc, GbsaParticle, Nonbonded, NonbondedException, NonbondedParticle, System,
+};
 use phipsi_model::Random;
 use phipsi_molecule::{ForceField, Potential};
 use phipsi_spatial::Vec3;
@@ -85,6 +86,25 @@ fn push(forces: &mut [V], x: &[V], [i, j]: [usize; 2], by_r: f64) {
     forces[j] += force;
 }
 
+/// 1 − 10 t³ + 15 t⁴ − 6 t⁵ and its slope.
+fn switch(r: f64, cutoff: Cutoff) -> [f64; 2] {
+    match cutoff.switching {
+        Some(start) if r > start => {
+            let width = cutoff.distance - start;
+            let t = (r - start) / width;
+            let slope = -30.0 * t.powi(2) + 60.0 * t.powi(3) - 30.0 * t.powi(4);
+            [1.0 - 10.0 * t.powi(3) + 15.0 * t.powi(4) - 6.0 * t.powi(5), slope / width]
+        }
+        _ => [1.0, 0.0],
+    }
+}
+
+/// k r² − c and its slope.
+fn reaction_field(r: f64, cutoff: f64, e: f64) -> [f64; 2] {
+    let k = (e - 1.0) / (2.0 * e + 1.0) / cutoff.powi(3);
+    [k * r * r - 3.0 * e / (2.0 * e + 1.0) / cutoff, 2.0 * k * r]
+}
+
 fn plain_nonbonded(force: &Nonbonded, x: &[V]) -> (f64, Vec<V>, f64) {
     let ordered = |[i, j]: [usize; 2]| [i.min(j), i.max(j)];
     let exceptions: HashMap<_, _> = force.exceptions.iter().map(|e| (ordered(e.atoms), e)).collect();
@@ -97,10 +117,23 @@ fn plain_nonbonded(force: &Nonbonded, x: &[V]) -> (f64, Vec<V>, f64) {
                 None => (a.charge * b.charge, 0.5 * (a.sigma + b.sigma), (a.epsilon * b.epsilon).sqrt()),
             };
             let r = (x[j] - x[i]).norm();
-            let (s6, coulomb) = ((sigma / r).powi(6), COULOMB * charges / r);
-            energy += 4.0 * epsilon * (s6 * s6 - s6) + coulomb;
-            sizes += 4.0 * epsilon * (s6 * s6 + s6) + coulomb.abs();
-            push(&mut forces, x, [i, j], (-4.0 * epsilon * (12.0 * s6 * s6 - 6.0 * s6) - coulomb) / r);
+            let s6 = (sigma / r).powi(6);
+            let lennard_jones =
+                [4.0 * epsilon * (s6 * s6 - s6), -4.0 * epsilon * (12.0 * s6 * s6 - 6.0 * s6) / r];
+            let cutoff = force.cutoff.filter(|_| !exceptions.contains_key(&[i, j]));
+            if cutoff.is_some_and(|c| r >= c.distance) {
+                continue;
+            }
+            // Factor of each energy, and its slope; what the reaction field adds to 1/r, and its slope.
+            let ([factor, factor_by_r], [field, field_by_r]) = match cutoff {
+                Some(c) => (switch(r, c), reaction_field(r, c.distance, force.reaction_field_dielectric)),
+                None => ([1.0, 0.0], [0.0, 0.0]),
+            };
+            let coulomb = COULOMB * charges * (1.0 / r + field);
+            energy += factor * lennard_jones[0] + coulomb;
+            sizes += 4.0 * epsilon * (s6 * s6 + s6) + (COULOMB * charges / r).abs();
+            let by_r = factor * lennard_jones[1] + factor_by_r * lennard_jones[0];
+            push(&mut forces, x, [i, j], by_r + COULOMB * charges * (field_by_r - 1.0 / (r * r)));
         }
     }
     (energy, forces, sizes)
@@ -127,8 +160,9 @@ fn plain_born(force: &GbsaObc, x: &[V]) -> (f64, Vec<V>, f64) {
     let kappa = COULOMB * (1.0 / force.solute_dielectric - 1.0 / force.solvent_dielectric);
     let o = |i: usize| force.particles[i].radius - 0.009;
     let s = |i: usize| force.particles[i].scale * o(i);
-    let others = |i: usize| (0..n).filter(move |&j| j != i);
     let distance = |i: usize, j: usize| (x[j] - x[i]).norm();
+    let cutoff = force.cutoff.unwrap_or(f64::INFINITY);
+    let others = |i: usize| (0..n).filter(move |&j| j != i && distance(i, j) < cutoff);
     let (mut born, mut by_integral) = (vec![0.0; n], vec![0.0; n]);
     for i in 0..n {
         let integral: f64 = others(i).map(|j| 0.5 * bracket(distance(i, j), o(i), s(j))[0]).sum();
@@ -152,7 +186,7 @@ fn plain_born(force: &GbsaObc, x: &[V]) -> (f64, Vec<V>, f64) {
             let e = (-r * r / (4.0 * product)).exp();
             let f = (r * r + product * e).sqrt();
             let pair = -kappa * q * force.particles[j].charge / f;
-            energy += 0.5 * pair;
+            energy += 0.5 * (pair + kappa * q * force.particles[j].charge / cutoff);
             sizes += 0.5 * pair.abs();
             by_born[i] += -0.5 * pair / (f * f) * e * (born[j] + r * r / (4.0 * born[i]));
             if i < j {
@@ -187,14 +221,25 @@ fn compare(place: &str, found: &(f64, Vec<V>), want: &(f64, Vec<V>, f64)) {
 /// Sizes about the ends of tiles, and one with several chunks.
 const SIZES: [usize; 12] = [1, 2, 3, 4, 5, 8, 9, 12, 15, 17, 100, 413];
 
+/// No cutoff, one that leaves many pairs, with switching and without, and one that leaves none.
+const CUTOFFS: [Option<Cutoff>; 4] = [
+    None,
+    Some(Cutoff { distance: 0.5, switching: None }),
+    Some(Cutoff { distance: 0.45, switching: Some(0.2) }),
+    Some(Cutoff { distance: 0.02, switching: None }),
+];
+
 #[test]
 fn nonbonded_pairs_are_those_of_the_double_loop() {
     for n in SIZES {
         for lennard_jones in [true, false] {
-            let mut random = Random::new(n as u64);
-            let (force, x) = (nonbonded(n, lennard_jones, &mut random), positions(n, &mut random));
-            let found = evaluate(&mut field(n, ForceKind::Nonbonded(force.clone())), &x);
-            compare(&format!("{n} atoms"), &found, &plain_nonbonded(&force, &x));
+            for cutoff in CUTOFFS {
+                let mut random = Random::new(n as u64);
+                let (force, x) = (nonbonded(n, lennard_jones, &mut random), positions(n, &mut random));
+                let force = Nonbonded { cutoff, reaction_field_dielectric: 5.0, ..force };
+                let found = evaluate(&mut field(n, ForceKind::Nonbonded(force.clone())), &x);
+                compare(&format!("{n} atoms, {cutoff:?}"), &found, &plain_nonbonded(&force, &x));
+            }
         }
     }
 }
@@ -202,13 +247,20 @@ fn nonbonded_pairs_are_those_of_the_double_loop() {
 #[test]
 fn born_energies_are_those_of_the_double_loop() {
     for n in SIZES {
-        let mut random = Random::new(n as u64);
-        let (force, mut x) = (born(n, &mut random), positions(n, &mut random));
-        // Also denser than any molecule, with atoms inside each other.
-        for scale in [1.0, 0.3] {
-            x.iter_mut().for_each(|x| *x = x.scale(scale));
-            let found = evaluate(&mut field(n, ForceKind::GbsaObc(force.clone())), &x);
-            compare(&format!("{n} atoms, scaled by {scale}"), &found, &plain_born(&force, &x));
+        for cutoff in CUTOFFS {
+            let mut random = Random::new(n as u64);
+            let (force, mut x) = (born(n, &mut random), positions(n, &mut random));
+            let force = GbsaObc { cutoff: cutoff.map(|c| c.distance), ..force };
+            // Also denser than any molecule, with atoms inside each other.
+            for scale in [1.0, 0.3] {
+                x.iter_mut().for_each(|x| *x = x.scale(scale));
+                let found = evaluate(&mut field(n, ForceKind::GbsaObc(force.clone())), &x);
+                compare(
+                    &format!("{n} atoms, {cutoff:?}, scaled by {scale}"),
+                    &found,
+                    &plain_born(&force, &x),
+                );
+            }
         }
     }
 }
@@ -218,22 +270,33 @@ fn bits((energy, forces): &(f64, Vec<V>)) -> Vec<u64> {
     [*energy].iter().chain(forces.iter().flat_map(|f| &f.0)).map(|x| x.to_bits()).collect()
 }
 
+/// Every kind of sum over n atoms, without cutoff and with.
+fn kinds(n: usize, random: &mut Random) -> Vec<ForceKind> {
+    let (pairs, born) = (nonbonded(n, true, random), born(n, random));
+    let each = |cutoff: Option<Cutoff>| {
+        let pairs = Nonbonded { cutoff, reaction_field_dielectric: 5.0, ..pairs.clone() };
+        let born = GbsaObc { cutoff: cutoff.map(|c| c.distance), ..born.clone() };
+        [ForceKind::Nonbonded(pairs), ForceKind::GbsaObc(born)]
+    };
+    CUTOFFS.into_iter().flat_map(each).collect()
+}
+
+/// A list of neighbours made elsewhere leaves no trace either.
 #[test]
 fn every_level_and_repetition_has_the_same_bits() {
     for n in [7, 100, 413] {
         let mut random = Random::new(n as u64);
-        let kinds =
-            [ForceKind::Nonbonded(nonbonded(n, true, &mut random)), ForceKind::GbsaObc(born(n, &mut random))];
-        let x = positions(n, &mut random);
-        let elsewhere: Vec<V> = x.iter().map(|x| x.scale(1.1)).collect();
+        let (kinds, x) = (kinds(n, &mut random), positions(n, &mut random));
         for kind in kinds {
             let first = bits(&evaluate(&mut field(n, kind.clone()), &x));
             for level in Level::ALL {
                 let mut field = field(n, kind.clone()).at_level(level);
-                for _ in 0..2 {
+                for scale in [1.1, 1.002] {
+                    let elsewhere: Vec<V> = x.iter().map(|x| x.scale(scale)).collect();
                     assert_eq!(bits(&evaluate(&mut field, &x)), first, "{n} atoms, {}", level.name());
                     evaluate(&mut field, &elsewhere);
                 }
+                assert_eq!(bits(&evaluate(&mut field, &x)), first, "{n} atoms, {}", level.name());
             }
         }
     }
@@ -244,9 +307,7 @@ fn every_level_and_repetition_has_the_same_bits() {
 fn every_number_of_threads_has_the_same_bits() {
     let n = 413;
     let mut random = Random::new(1);
-    let kinds =
-        [ForceKind::Nonbonded(nonbonded(n, true, &mut random)), ForceKind::GbsaObc(born(n, &mut random))];
-    let x = positions(n, &mut random);
+    let (kinds, x) = (kinds(n, &mut random), positions(n, &mut random));
     for kind in kinds {
         let on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -12,29 +12,31 @@ use phipsi_spatial::lanes::Lanes;
 pub(super) const KEPT: usize = 2;
 
 /// Sums the brackets of each place.
-pub(super) struct Integrals<'a, const INSIDE: bool, const CUTOFF: bool, const KEEPS: bool> {
+#[derive(Clone, Copy)]
+pub(super) struct Integrals<'a, const KEEPS: bool> {
     pub columns: &'a Columns,
+    /// True if the bracket has its last part.
+    pub inside: bool,
+    /// Infinite without a cutoff.
     pub cutoff_square: f64,
 }
 
-impl<const INSIDE: bool, const CUTOFF: bool, const KEEPS: bool> Integrals<'_, INSIDE, CUTOFF, KEEPS> {
+impl<const KEEPS: bool> Integrals<'_, KEEPS> {
     /// The brackets of both places, and the numbers to keep.
     #[inline(always)]
-    fn brackets<T: Lanes>(row: &[T; 3], column: &[T; 3], at: &At<'_, T>) -> ([T; 2], [T; 2]) {
+    fn brackets<T: Lanes>(&self, row: &[T; 3], column: &[T; 3], at: &At<'_, T>) -> ([T; 2], [T; 2]) {
         let inverse_r = at.square.reciprocal_root();
         let r = at.square * inverse_r;
-        let (of_row, row_slope) = bracket::<T, INSIDE>(r, inverse_r, row[0], row[1], column[2]);
-        let (of_column, column_slope) = bracket::<T, INSIDE>(r, inverse_r, column[0], column[1], row[2]);
+        let (of_row, row_slope) = bracket(self.inside, [r, inverse_r], row[0], row[1], column[2]);
+        let (of_column, column_slope) = bracket(self.inside, [r, inverse_r], column[0], column[1], row[2]);
         let scale = T::splat(-0.5) * inverse_r;
         ([at.only(of_row), at.only(of_column)], [at.only(row_slope * scale), at.only(column_slope * scale)])
     }
 }
 
-impl<const INSIDE: bool, const CUTOFF: bool, const KEEPS: bool> PairKernel<1>
-    for Integrals<'_, INSIDE, CUTOFF, KEEPS>
-{
+impl<const KEEPS: bool> PairKernel<1> for Integrals<'_, KEEPS> {
     const KEPT: usize = if KEEPS { KEPT } else { 0 };
-    const CUTOFF: bool = CUTOFF;
+    const CUTOFF: bool = true;
     /// o, 1/o, s.
     type Row<T: Lanes> = [T; 3];
     type Column<T: Lanes> = [T; 3];
@@ -70,7 +72,7 @@ impl<const INSIDE: bool, const CUTOFF: bool, const KEEPS: bool> PairKernel<1>
         row_sums: &mut [T; 1],
         column_sums: &mut [T; 1],
     ) -> T {
-        let (brackets, slopes) = Self::brackets(row, column, &at);
+        let (brackets, slopes) = self.brackets(row, column, &at);
         row_sums[0] += brackets[0];
         column_sums[0] += brackets[1];
         if KEEPS {
@@ -83,7 +85,7 @@ impl<const INSIDE: bool, const CUTOFF: bool, const KEEPS: bool> PairKernel<1>
 
 /// The bracket in I and its slope in r.
 #[inline(always)]
-fn bracket<T: Lanes, const INSIDE: bool>(r: T, inverse_r: T, o: T, inverse_o: T, s: T) -> (T, T) {
+fn bracket<T: Lanes>(inside: bool, [r, inverse_r]: [T; 2], o: T, inverse_o: T, s: T) -> (T, T) {
     let upper = r + s;
     let lower = (r - s).abs().larger(o);
     let inverse = (upper * lower).recip();
@@ -95,7 +97,7 @@ fn bracket<T: Lanes, const INSIDE: bool>(r: T, inverse_r: T, o: T, inverse_o: T,
     let mut sum = s.fma(-ratio, r).fma(squares, log - difference);
     let mut slope = ratio.fma(ratio, T::one()).fma(squares, -(log * inverse_r));
     let depth = s - r;
-    if INSIDE {
+    if inside {
         let more = T::splat(2.0) * (inverse_o - inverse_l);
         sum += o.below(depth, more, T::zero());
     } else {
@@ -136,12 +138,10 @@ impl PairKernel<3> for Chain<'_> {
 }
 
 /// The same, from slopes computed again.
-pub(super) struct ChainAgain<'a, const INSIDE: bool, const CUTOFF: bool>(
-    pub Integrals<'a, INSIDE, CUTOFF, false>,
-);
+pub(super) struct ChainAgain<'a>(pub Integrals<'a, false>);
 
-impl<const INSIDE: bool, const CUTOFF: bool> PairKernel<3> for ChainAgain<'_, INSIDE, CUTOFF> {
-    const CUTOFF: bool = CUTOFF;
+impl PairKernel<3> for ChainAgain<'_> {
+    const CUTOFF: bool = true;
     /// ∂E/∂I; o, 1/o, s.
     type Row<T: Lanes> = (T, [T; 3]);
     type Column<T: Lanes> = (T, [T; 3]);
@@ -167,7 +167,7 @@ impl<const INSIDE: bool, const CUTOFF: bool> PairKernel<3> for ChainAgain<'_, IN
         row_sums: &mut [T; 3],
         column_sums: &mut [T; 3],
     ) -> T {
-        let (_, slopes) = Integrals::<INSIDE, CUTOFF, false>::brackets(&row.1, &column.1, &at);
+        let (_, slopes) = self.0.brackets(&row.1, &column.1, &at);
         push(row.0.fma(slopes[0], column.0 * slopes[1]), &at.d, row_sums, column_sums);
         T::zero()
     }

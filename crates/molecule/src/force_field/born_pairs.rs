@@ -5,20 +5,21 @@ use super::sweep::{At, PairKernel, push};
 use phipsi_spatial::lanes::Lanes;
 
 /// Sums forces at constant B, then ∂E/∂B.
-pub(super) struct Pairs<'a, const CUTOFF: bool> {
+pub(super) struct Pairs<'a> {
     pub columns: &'a Columns,
     /// κ₂.
     pub kappa: f64,
     /// What the cutoff takes from 1/f.
     pub shift: f64,
+    /// Infinite without a cutoff.
     pub cutoff_square: f64,
 }
 
 /// Of a row −κ₂ q, B, 1/(4 B); of a column q, B, 1/(4 B).
 type Numbers<T> = [T; 3];
 
-impl<const CUTOFF: bool> PairKernel<4> for Pairs<'_, CUTOFF> {
-    const CUTOFF: bool = CUTOFF;
+impl PairKernel<4> for Pairs<'_> {
+    const CUTOFF: bool = true;
     type Row<T: Lanes> = Numbers<T>;
     type Column<T: Lanes> = Numbers<T>;
 

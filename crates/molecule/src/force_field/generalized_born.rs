@@ -19,7 +19,7 @@ use super::exclusions::Exclusions;
 use super::neighbors::Neighbors;
 use super::nonbonded::COULOMB;
 use super::sweep::{Places, Sweep};
-use super::tiles::{COLUMNS, ROWS, Tiles};
+use super::tiles::{COLUMNS, ROWS};
 use phipsi_formats::system::GbsaObc;
 use phipsi_spatial::Vec3;
 use phipsi_spatial::lanes::{Fused, Level};
@@ -164,67 +164,36 @@ impl GeneralizedBorn {
             self.fit();
         }
         self.places.set(x);
-        let cutoff_square = self.constants.cutoff.map_or(f64::INFINITY, |cutoff| cutoff * cutoff);
-        match (self.constants.cutoff, self.constants.inside) {
-            (None, true) => self.integrals::<true, false>(level, cutoff_square),
-            (None, false) => self.integrals::<false, false>(level, cutoff_square),
-            (Some(_), true) => self.integrals::<true, true>(level, cutoff_square),
-            (Some(_), false) => self.integrals::<false, true>(level, cutoff_square),
+        let Constants { kappa: [_, kappa], inside, cutoff, shift, .. } = self.constants;
+        let cutoff_square = cutoff.map_or(f64::INFINITY, |cutoff| cutoff * cutoff);
+        let keeps = self.keeps();
+        let GeneralizedBorn { neighbors, places, sweep, columns, .. } = self;
+        let tiles = neighbors.tiles();
+        if keeps {
+            let kernel = Integrals::<true> { columns, inside, cutoff_square };
+            sweep.run(level, tiles, places, &kernel);
+        } else {
+            let kernel = Integrals::<false> { columns, inside, cutoff_square };
+            sweep.run(level, tiles, places, &kernel);
         }
         self.radii();
         let own = self.single();
-        let GeneralizedBorn { neighbors, places, sweep, columns, constants, .. } = self;
-        let (tiles, [_, kappa], shift) = (neighbors.tiles(), constants.kappa, constants.shift);
-        let pairs = match constants.cutoff {
-            None => sweep.run(level, tiles, places, &Pairs::<false> { columns, kappa, shift, cutoff_square }),
-            Some(_) => {
-                sweep.run(level, tiles, places, &Pairs::<true> { columns, kappa, shift, cutoff_square })
-            }
-        };
+        let GeneralizedBorn { neighbors, places, sweep, columns, .. } = self;
+        let tiles = neighbors.tiles();
+        let pairs = sweep.run(level, tiles, places, &Pairs { columns, kappa, shift, cutoff_square });
         sweep.add_forces(tiles, forces);
         let slopes = columns.slopes.iter_mut().zip(sweep.sums(tiles, 3)).zip(&self.by_integral);
         for ((slope, by_pairs), by_integral) in slopes {
             slope.0 = (slope.0 + by_pairs.0) * by_integral;
         }
-        match (self.constants.cutoff, self.constants.inside) {
-            (None, true) => self.chain::<true, false>(level, cutoff_square),
-            (None, false) => self.chain::<false, false>(level, cutoff_square),
-            (Some(_), true) => self.chain::<true, true>(level, cutoff_square),
-            (Some(_), false) => self.chain::<false, true>(level, cutoff_square),
+        if keeps {
+            sweep.run(level, tiles, places, &Chain(columns));
+        } else {
+            let again = ChainAgain(Integrals { columns, inside, cutoff_square });
+            sweep.run(level, tiles, places, &again);
         }
-        self.sweep.add_forces(self.neighbors.tiles(), forces);
+        sweep.add_forces(tiles, forces);
         own + pairs
-    }
-
-    /// Sums the integrals.
-    fn integrals<const INSIDE: bool, const CUTOFF: bool>(&mut self, level: Level, cutoff_square: f64) {
-        let keeps = self.keeps();
-        let GeneralizedBorn { neighbors, places, sweep, columns, .. } = self;
-        let tiles: &Tiles = neighbors.tiles();
-        match keeps {
-            true => {
-                let kernel = Integrals::<INSIDE, CUTOFF, true> { columns, cutoff_square };
-                sweep.run(level, tiles, places, &kernel)
-            }
-            false => {
-                let kernel = Integrals::<INSIDE, CUTOFF, false> { columns, cutoff_square };
-                sweep.run(level, tiles, places, &kernel)
-            }
-        };
-    }
-
-    /// Sums the forces through the integrals.
-    fn chain<const INSIDE: bool, const CUTOFF: bool>(&mut self, level: Level, cutoff_square: f64) {
-        let keeps = self.keeps();
-        let GeneralizedBorn { neighbors, places, sweep, columns, .. } = self;
-        let tiles = neighbors.tiles();
-        match keeps {
-            true => sweep.run(level, tiles, places, &Chain(columns)),
-            false => {
-                let integrals = Integrals::<INSIDE, CUTOFF, false> { columns, cutoff_square };
-                sweep.run(level, tiles, places, &ChainAgain(integrals))
-            }
-        };
     }
 
     /// B and ∂B/∂I.

@@ -161,11 +161,13 @@ mod tests {
     use std::io::Read;
 
     /// Texts of systems, and how many custom forces with a closed form and without they have.
-    const FILES: [(&str, usize, usize); 4] = [
+    const FILES: [(&str, usize, usize); 6] = [
         ("aladi/aladi.obc2.xml.gz", 1, 0),
         ("aladi/aladi.charmm36.xml.gz", 1, 0),
         ("every_force/implicit.xml.gz", 1, 2),
         ("every_force/pairs.xml.gz", 1, 2),
+        ("cutoffs/custom_born.xml.gz", 1, 0),
+        ("cutoffs/charmm.xml.gz", 1, 0),
     ];
 
     fn text(file: &str) -> String {
