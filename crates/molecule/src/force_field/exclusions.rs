@@ -22,6 +22,11 @@ impl Exclusions {
         Exclusions { starts, partners: sorted.into_iter().map(|[_, j]| j).collect() }
     }
 
+    /// All excluded pairs, the lower index first.
+    pub(super) fn pairs(&self) -> impl Iterator<Item = [usize; 2]> {
+        (0..self.starts.len() - 1).flat_map(|i| self.of(i).iter().map(move |&j| [i, j]))
+    }
+
     /// No pairs of n particles.
     pub(super) fn none(n: usize) -> Self {
         Exclusions { starts: vec![0; n + 1], partners: Vec::new() }

@@ -39,6 +39,10 @@ impl Neighbors {
         Neighbors { tiles, exclusions, cutoff, known: Vec::new(), boxes: Vec::new() }
     }
 
+    pub(super) fn exclusions(&self) -> &Exclusions {
+        &self.exclusions
+    }
+
     pub(super) fn tiles(&self) -> &Tiles {
         &self.tiles
     }

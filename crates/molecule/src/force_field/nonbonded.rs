@@ -13,6 +13,7 @@
 
 use super::exclusions::Exclusions;
 use super::geometry::distance;
+use super::left_out::{RigidGroups, TakenOut};
 use super::neighbors::Neighbors;
 use super::sweep::{At, PairKernel, Places, Sweep, push};
 use phipsi_formats::system::{Cutoff, Nonbonded, NonbondedException, NonbondedParticle};
@@ -52,7 +53,8 @@ struct Particles {
 /// The numbers of a cutoff.
 #[derive(Clone, Copy, Debug)]
 struct ReactionField {
-    /// r_c², k, c.
+    /// r_c, r_c², k, c.
+    distance: f64,
     square: f64,
     k: f64,
     c: f64,
@@ -64,6 +66,7 @@ impl ReactionField {
     fn new(cutoff: Cutoff, dielectric: f64) -> Self {
         let (r, scale) = (cutoff.distance, 1.0 / (2.0 * dielectric + 1.0));
         ReactionField {
+            distance: r,
             square: r * r,
             k: (dielectric - 1.0) * scale / (r * r * r),
             c: 3.0 * dielectric * scale / r,
@@ -77,28 +80,81 @@ impl NonbondedPairs {
         let n = tables.particles.len();
         let exceptions = tables.exceptions.iter();
         let exclusions = Exclusions::new(n, exceptions.clone().map(|e| e.atoms));
-        let neighbors = Neighbors::new(n, exclusions, tables.cutoff.map(|c| c.distance));
+        let each = |f: fn(&NonbondedParticle) -> f64| tables.particles.iter().map(|p| Fused(f(p))).collect();
+        let particles = Particles {
+            charge: each(|p| COULOMB.sqrt() * p.charge),
+            half_sigma: each(|p| 0.5 * p.sigma),
+            twice_root_epsilon: each(|p| 2.0 * p.epsilon.sqrt()),
+        };
+        let field = tables.cutoff.map(|c| ReactionField::new(c, tables.reaction_field_dielectric));
+        let with_energy = exceptions.filter(|e| e.charge_product != 0.0 || e.epsilon != 0.0);
+        Self::of(n, particles, exclusions, with_energy.copied().collect(), field)
+    }
+
+    /// The sum of n particles.
+    fn of(
+        n: usize,
+        mut particles: Particles,
+        exclusions: Exclusions,
+        exceptions: Vec<NonbondedException>,
+        field: Option<ReactionField>,
+    ) -> Self {
+        let neighbors = Neighbors::new(n, exclusions, field.map(|field| field.distance));
         let padded = neighbors.tiles().padded();
         let mut sweep = Sweep::default();
         sweep.fit(neighbors.tiles(), 0);
-        let each = |f: fn(&NonbondedParticle) -> f64| {
-            let mut all: Vec<Fused> = tables.particles.iter().map(|p| Fused(f(p))).collect();
-            all.resize(padded, Fused(0.0));
-            all
-        };
+        let Particles { charge, half_sigma, twice_root_epsilon } = &mut particles;
+        for numbers in [charge, half_sigma, twice_root_epsilon] {
+            numbers.resize(padded, Fused(0.0));
+        }
         NonbondedPairs {
             places: Places::new(padded),
             sweep,
             neighbors,
-            field: tables.cutoff.map(|c| ReactionField::new(c, tables.reaction_field_dielectric)),
-            particles: Particles {
-                charge: each(|p| COULOMB.sqrt() * p.charge),
-                half_sigma: each(|p| 0.5 * p.sigma),
-                twice_root_epsilon: each(|p| 2.0 * p.epsilon.sqrt()),
-            },
-            exceptions: exceptions.filter(|e| e.charge_product != 0.0 || e.epsilon != 0.0).copied().collect(),
-            has_lennard_jones: tables.particles.iter().any(|p| p.epsilon != 0.0),
+            field,
+            has_lennard_jones: particles.twice_root_epsilon.iter().any(|x| x.0 != 0.0),
+            particles,
+            exceptions,
         }
+    }
+
+    /// Takes out the pairs within groups.
+    pub(super) fn take_out(&mut self, groups: &RigidGroups, level: Level, x: &[Vec3<f64>]) -> TakenOut {
+        let n = x.len();
+        let known = self.neighbors.exclusions();
+        let mut excluded: Vec<[usize; 2]> = known.pairs().collect();
+        let mut count = [0, n * n.saturating_sub(1) / 2 - excluded.len() + self.exceptions.len()];
+        let mut energy = 0.0;
+        for (group, pairs) in groups.pairs() {
+            let own = |pair: &[usize; 2]| !known.of(group[pair[0]]).contains(&group[pair[1]]);
+            let (own, others): (Vec<[usize; 2]>, _) = pairs.into_iter().partition(own);
+            if own.is_empty() {
+                continue;
+            }
+            count[0] += own.len();
+            excluded.extend(own.iter().map(|pair| pair.map(|k| group[k])));
+            // The sum over the group alone, without the pairs that are excluded or counted in another group.
+            let all = (0..group.len()).flat_map(|a| (a + 1..group.len()).map(move |b| [a, b]));
+            let rest = all.filter(|pair| !own.contains(pair)).chain(others);
+            let of = |numbers: &[Fused]| group.iter().map(|&i| numbers[i]).collect();
+            let particles = Particles {
+                charge: of(&self.particles.charge),
+                half_sigma: of(&self.particles.half_sigma),
+                twice_root_epsilon: of(&self.particles.twice_root_epsilon),
+            };
+            let exclusions = Exclusions::new(group.len(), rest);
+            let mut sum = Self::of(group.len(), particles, exclusions, Vec::new(), self.field);
+            let places: Vec<Vec3<f64>> = group.iter().map(|&i| x[i]).collect();
+            energy += sum.evaluate(level, &places, &mut vec![Vec3::zero(); group.len()]);
+        }
+        let exceptions = std::mem::take(&mut self.exceptions);
+        let (out, rest): (Vec<_>, Vec<_>) = exceptions.into_iter().partition(|e| groups.hold(&e.atoms));
+        count[0] += out.len();
+        self.exceptions = out;
+        energy += self.exceptions(x, &mut vec![Vec3::zero(); n]);
+        let particles = self.particles.clone();
+        *self = Self::of(n, particles, Exclusions::new(n, excluded.into_iter()), rest, self.field);
+        (count, energy)
     }
 
     pub(super) fn evaluate(&mut self, level: Level, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {

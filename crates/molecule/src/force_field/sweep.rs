@@ -204,7 +204,7 @@ impl<const S: usize, K: PairKernel<S>> Visitor for Chunks<'_, S, K> {
             });
         };
         #[cfg(feature = "parallel")]
-        if self.chunks.len() > 1 {
+        if self.chunks.len() > 1 && rayon::current_num_threads() > 1 {
             use rayon::prelude::*;
             work.tiles.chunks().par_iter().zip(self.chunks.par_iter_mut()).for_each(one);
             return;
