@@ -99,6 +99,12 @@ impl Places {
     pub(super) fn new(padded: usize) -> Self {
         Places { x: [(); 3].map(|()| vec![Fused(0.0); padded]) }
     }
+    /// The coordinates of a place, in all lanes.
+    #[inline(always)]
+    fn row<T: Lanes>(&self, place: usize) -> [T; 3] {
+        let [x, y, z] = &self.x;
+        [T::broadcast(x[place]), T::broadcast(y[place]), T::broadcast(z[place])]
+    }
     /// Takes the coordinates of atoms, each in its own place.
     pub(super) fn set(&mut self, x: &[Vec3<f64>]) {
         for (i, x) in x.iter().enumerate() {
@@ -264,11 +270,6 @@ fn total(x: &[Fused; COLUMNS]) -> f64 {
     ((x[0].0 + x[1].0) + (x[2].0 + x[3].0)) + ((x[4].0 + x[5].0) + (x[6].0 + x[7].0))
 }
 
-#[inline(always)]
-fn broadcast<T: Lanes>(x: &[Fused], i: usize) -> T {
-    T::broadcast(x[i])
-}
-
 /// The tiles of a row block in the lanes from `half` on.
 #[inline(always)]
 fn row_block<const S: usize, T: Lanes, K: PairKernel<S>>(
@@ -282,12 +283,8 @@ fn row_block<const S: usize, T: Lanes, K: PairKernel<S>>(
 ) {
     let first = rows * ROWS;
     let [x, y, z] = [&places.x[0][..], &places.x[1][..], &places.x[2][..]];
-    let xi = [
-        [broadcast(x, first + 0), broadcast(y, first + 0), broadcast(z, first + 0)],
-        [broadcast(x, first + 1), broadcast(y, first + 1), broadcast(z, first + 1)],
-        [broadcast(x, first + 2), broadcast(y, first + 2), broadcast(z, first + 2)],
-        [broadcast(x, first + 3), broadcast(y, first + 3), broadcast(z, first + 3)],
-    ];
+    let xi: [[T; 3]; ROWS] =
+        [places.row(first), places.row(first + 1), places.row(first + 2), places.row(first + 3)];
     let row: [K::Row<T>; ROWS] =
         [kernel.row(first), kernel.row(first + 1), kernel.row(first + 2), kernel.row(first + 3)];
     let limit = if K::CUTOFF { Some(T::splat(kernel.cutoff_square())) } else { None };
