@@ -6,6 +6,8 @@ FOLDER holds a folder for each molecule, as ``validation/data/molecules``: ``NAM
 
 Every round times each program on each System for a while, one after the other, OpenMM with its platforms Reference and CPU, and
 keeps the best time of an evaluation; the table has the best of all rounds, and the ratio to the CPU platform on as many threads.
+On a machine with other work, evaluations of more than a few milliseconds are interrupted: the ratio of processor times does not count
+the interruptions.
 An evaluation of OpenMM is ``context.getState(energy=True, forces=True)``, from Python, without reading the arrays (about 3 µs of
 overhead); that of phipsi is ``ForceField::evaluate`` in ``crates/molecule/examples/forces.rs``, which this script builds. Force
 errors are largest differences from the Reference platform, over the largest force.
@@ -68,15 +70,16 @@ def cut(system: openmm.System, distance: float, implicit: bool) -> None:
             force.setReactionFieldDielectric(1.0)
 
 
-def best(call, seconds: float) -> float:
-    """Least seconds of a call."""
+def timed(call, seconds: float) -> tuple[float, float]:
+    """Least seconds of a call, and the processor's time of one on all threads."""
     call()
-    least, start = float("inf"), time.perf_counter()
+    least, calls, start, processor = float("inf"), 0, time.perf_counter(), time.process_time()
     while time.perf_counter() - start < seconds:
         begin = time.perf_counter()
         call()
         least = min(least, time.perf_counter() - begin)
-    return least
+        calls += 1
+    return least, (time.process_time() - processor) / calls
 
 
 class Case:
@@ -89,6 +92,7 @@ class Case:
         self.files[1].write_text(json.dumps(positions), encoding="utf-8")
         self.system, self.positions = system, positions
         self.times: dict[tuple[str, int], float] = {}
+        self.processor: dict[tuple[str, int], float] = {}
         self.forces: dict[str, np.ndarray] = {}
         self.energies: dict[str, float] = {}
 
@@ -101,7 +105,7 @@ class Case:
         unit = openmm.unit.kilojoule_per_mole
         self.energies[name] = state.getPotentialEnergy().value_in_unit(unit)
         self.forces[name] = state.getForces(asNumpy=True).value_in_unit(unit / openmm.unit.nanometer)
-        self.note(name, threads, best(lambda: context.getState(energy=True, forces=True), seconds))
+        self.note(name, threads, timed(lambda: context.getState(energy=True, forces=True), seconds))
 
     def ours(self, program: Path, threads: int, seconds: float) -> None:
         environment = {**os.environ, "RAYON_NUM_THREADS": str(threads)}
@@ -109,11 +113,11 @@ class Case:
         found = json.loads(subprocess.run(call, env=environment, check=True, capture_output=True, text=True).stdout)
         self.energies["phipsi"] = sum(found["energies"].values())
         self.forces["phipsi"] = np.array(found["forces"])
-        self.note("phipsi", threads, found["best_s"])
+        self.note("phipsi", threads, (found["best_s"], found["processor_s"] or float("nan")))
 
-    def note(self, program: str, threads: int, seconds: float) -> None:
-        key = (program, threads)
-        self.times[key] = min(seconds, self.times.get(key, float("inf")))
+    def note(self, program: str, threads: int, found: tuple[float, float]) -> None:
+        for times, seconds in zip((self.times, self.processor), found):
+            times[program, threads] = min(seconds, times.get((program, threads), float("inf")))
 
     def error(self, program: str) -> float:
         reference = self.forces["Reference"]
@@ -155,13 +159,15 @@ def table(all_cases: list[Case], threads: list[int]) -> str:
     """Times in µs, ratios and force errors, as Markdown."""
     head = ["", "atoms", "OpenMM Reference"]
     head += [f"OpenMM CPU, {t}" for t in threads] + [f"phipsi, {t}" for t in threads] + [f"ratio, {t}" for t in threads]
-    head += ["force error of OpenMM CPU", "of phipsi"]
+    least = min(threads)
+    head += [f"ratio of processor times, {least}", "force error of OpenMM CPU", "of phipsi"]
     rows = [head, ["---"] * len(head)]
     for case in all_cases:
         row = [f"{case.name}, {case.environment}", str(case.atoms), shown(case.times.get(("Reference", 1)))]
         for program in ("CPU", "phipsi"):
             row += [shown(case.times.get((program, t))) for t in threads]
         row += [f"{case.times['phipsi', t] / case.times['CPU', t]:.2f}" for t in threads]
+        row.append(f"{case.processor['phipsi', least] / case.processor['CPU', least]:.3f}")
         row += [f"{case.error(program):.0e}" for program in ("CPU", "phipsi")]
         rows.append(row)
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)

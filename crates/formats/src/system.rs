@@ -104,6 +104,19 @@ pub enum ForceKind {
     CustomGb(CustomGb),
 }
 
+impl ForceKind {
+    /// The distance from which on pairs have no energy, nm.
+    pub fn cutoff(&self) -> Option<f64> {
+        match self {
+            ForceKind::Nonbonded(force) => force.cutoff.map(|cutoff| cutoff.distance),
+            ForceKind::GbsaObc(force) => force.cutoff,
+            ForceKind::CustomNonbonded(force) => force.cutoff.map(|cutoff| cutoff.distance),
+            ForceKind::CustomGb(force) => force.cutoff,
+            _ => None,
+        }
+    }
+}
+
 /// A harmonic spring.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HarmonicBond {
@@ -521,7 +534,12 @@ fn summarize(reader: &mut Reader, system: &System) {
     for force in &system.forces {
         let what =
             if force.name == force.class { "energy".into() } else { format!("energy, {}", force.class) };
-        notes.push(Note::new(force.line, format!("force `{}`", shown(&force.name)), what));
+        let place = format!("force `{}`", shown(&force.name));
+        if let Some(cutoff) = force.kind.cutoff() {
+            let what = format!("pairs from {cutoff} nm on are left out");
+            reader.report.approximated.push(Note::new(force.line, place.clone(), what));
+        }
+        notes.push(Note::new(force.line, place, what));
     }
     for (name, value) in &system.global_parameters {
         notes.push(Note::new(None, format!("parameter `{}`", shown(name)), format!("default value {value}")));

@@ -2,7 +2,7 @@
 
 mod mutation;
 
-use phipsi_formats::report::{Loaded, Report};
+use phipsi_formats::report::{Loaded, Note, Report};
 use phipsi_formats::system::*;
 
 /// Every force and every element.
@@ -405,7 +405,9 @@ fn cutoffs_are_read() {
         )
         .replace("forceGroup=\"0\" method=\"0\" name=\"GBSAOBCForce\"", "method=\"1\" name=\"GBSAOBCForce\"")
         .replace("forceGroup=\"0\" method=\"0\" name=\"Custom", "method=\"1\" name=\"Custom");
-    let (system, _) = accept(&text);
+    let (system, report) = accept(&text);
+    let told = |note: &&Note| note.what == "pairs from 1 nm on are left out";
+    assert_eq!(report.approximated.iter().filter(told).count(), 4);
     let mut found = 0;
     for force in &system.forces {
         found += match &force.kind {

@@ -3,7 +3,8 @@
 //! `cargo run --release -p phipsi-molecule --features parallel --example forces -- SYSTEM.xml[.gz] POSITIONS.json[.gz] [SECONDS]`
 //!
 //! POSITIONS is a list of [x, y, z] in nm, or reference data as in `validation/data/molecules`, whose `md` snapshot is taken.
-//! Prints one JSON object on a line: best and median time of an evaluation in seconds, energies in kJ/mol, forces in kJ/mol/nm.
+//! Prints one JSON object on a line: best and median time of an evaluation and its processor time on all threads (Linux only), in
+//! seconds; energies in kJ/mol, forces in kJ/mol/nm.
 //! RAYON_NUM_THREADS sets the number of threads.
 
 use phipsi_formats::system::{SystemOptions, read_system};
@@ -37,20 +38,37 @@ fn positions(value: &Value) -> Result<Vec<Vec3<f64>>, Box<dyn Error>> {
     Ok(list.into_iter().map(Vec3).collect())
 }
 
-/// Best and median seconds of one call, in batches of about a millisecond.
-fn time(seconds: f64, mut call: impl FnMut()) -> [f64; 2] {
+/// Processor time of this process, s: Linux counts a hundred a second.
+fn processor_seconds() -> Option<f64> {
+    let text = std::fs::read_to_string("/proc/self/stat").ok()?;
+    let fields: Vec<&str> = text.rsplit(')').next()?.split_whitespace().collect();
+    let ticks = |k: usize| fields.get(k)?.parse::<f64>().ok();
+    Some((ticks(11)? + ticks(12)?) / 100.0)
+}
+
+/// Times of one call, s.
+struct Times {
+    best: f64,
+    median: f64,
+    processor: Option<f64>,
+}
+
+/// Calls again and again, in batches of about a millisecond.
+fn time(seconds: f64, mut call: impl FnMut()) -> Times {
     let clock = Instant::now();
     call();
     let batch = ((1e-3 / clock.elapsed().as_secs_f64()) as usize).clamp(1, 1000);
     let mut times = Vec::new();
-    let start = Instant::now();
+    let (start, before) = (Instant::now(), processor_seconds());
     while times.len() < 5 || start.elapsed().as_secs_f64() < seconds {
         let clock = Instant::now();
         (0..batch).for_each(|_| call());
         times.push(clock.elapsed().as_secs_f64() / batch as f64);
     }
+    let calls = (batch * times.len()) as f64;
+    let processor = processor_seconds().zip(before).map(|(after, before)| (after - before) / calls);
     times.sort_by(f64::total_cmp);
-    [times[0], times[times.len() / 2]]
+    Times { best: times[0], median: times[times.len() / 2], processor }
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -70,10 +88,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let whole = time(seconds, || drop(field.evaluate(&x, &mut energies, &mut forces)));
     let mut terms = BTreeMap::new();
     for (term, name) in names.iter().enumerate() {
-        terms.insert(name, time(0.1 * seconds, || drop(field.evaluate_term(term, &x, &mut forces))));
+        let times = time(0.1 * seconds, || drop(field.evaluate_term(term, &x, &mut forces)));
+        terms.insert(name, times.best);
     }
     let report = json!({
-        "atoms": x.len(), "best_s": whole[0], "median_s": whole[1], "terms_s": terms, "energies": by_name,
+        "atoms": x.len(), "best_s": whole.best, "median_s": whole.median, "processor_s": whole.processor, "terms_best_s": terms, "energies": by_name,
         "forces": rows,
     });
     println!("{report}");
