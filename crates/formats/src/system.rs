@@ -7,11 +7,11 @@
 //! | OpenMM | here |
 //! |---|---|
 //! | HarmonicBondForce, HarmonicAngleForce, PeriodicTorsionForce, RBTorsionForce, CMAPTorsionForce | the variants of [`ForceKind`] |
-//! | NonbondedForce, GBSAOBCForce, CustomNonbondedForce, CustomGBForce without cutoff | the same |
+//! | NonbondedForce, GBSAOBCForce, CustomNonbondedForce, CustomGBForce, methods NoCutoff and CutoffNonPeriodic | the same |
 //! | CustomBondForce, CustomAngleForce, CustomTorsionForce | the same; energies as [`Formula`] |
 //! | global parameters | their default values, as numbers in the formulas |
 //! | CMMotionRemover, barostats, AndersenThermostat | ignored: they are no energies |
-//! | cutoffs, Ewald sums, periodic boxes in use, virtual sites, parameter offsets | refused |
+//! | periodic cutoffs, Ewald sums, periodic boxes in use, virtual sites, parameter offsets | refused |
 //! | any other force | refused, or ignored where [`SystemOptions::ignore`] names it |
 //!
 //! Everything is checked: numbers are finite, particles exist and differ within one interaction, no pair has two
@@ -104,6 +104,19 @@ pub enum ForceKind {
     CustomGb(CustomGb),
 }
 
+impl ForceKind {
+    /// The distance from which on pairs have no energy, nm.
+    pub fn cutoff(&self) -> Option<f64> {
+        match self {
+            ForceKind::Nonbonded(force) => force.cutoff.map(|cutoff| cutoff.distance),
+            ForceKind::GbsaObc(force) => force.cutoff,
+            ForceKind::CustomNonbonded(force) => force.cutoff.map(|cutoff| cutoff.distance),
+            ForceKind::CustomGb(force) => force.cutoff,
+            _ => None,
+        }
+    }
+}
+
 /// A harmonic spring.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HarmonicBond {
@@ -175,9 +188,23 @@ pub struct CmapPair {
     pub atoms: [[usize; 4]; 2],
 }
 
-/// Lennard-Jones and Coulomb energies of all pairs, without cutoff.
+/// Where a sum over pairs ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cutoff {
+    /// Pairs at this distance or beyond have no energy, nm.
+    pub distance: f64,
+    /// Where a smooth factor begins to switch energies off (in NonbondedForce: Lennard-Jones energies), nm, below
+    /// [`Cutoff::distance`].
+    pub switching: Option<f64>,
+}
+
+/// Lennard-Jones and Coulomb energies of all pairs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Nonbonded {
+    /// Of all pairs but the exceptions.
+    pub cutoff: Option<Cutoff>,
+    /// Dielectric constant beyond the cutoff, in the reaction field; without a cutoff it has no effect.
+    pub reaction_field_dielectric: f64,
     /// One for each particle.
     pub particles: Vec<NonbondedParticle>,
     /// Pairs that have parameters of their own, which replace those of their particles.
@@ -208,9 +235,11 @@ pub struct NonbondedException {
     pub epsilon: f64,
 }
 
-/// Generalized Born energy (OBC2) and surface energy (ACE), without cutoff.
+/// Generalized Born energy (OBC2) and surface energy (ACE).
 #[derive(Clone, Debug, PartialEq)]
 pub struct GbsaObc {
+    /// Pairs at this distance or beyond are left out, nm, and the energy of the others is shifted to 0 there.
+    pub cutoff: Option<f64>,
     /// Dielectric constant of the solvent.
     pub solvent_dielectric: f64,
     /// Dielectric constant of the molecule.
@@ -247,9 +276,11 @@ pub struct CustomBonded<const N: usize> {
     pub parameters: Vec<f64>,
 }
 
-/// An energy of all pairs but the excluded ones, without cutoff.
+/// An energy of all pairs but the excluded ones.
 #[derive(Clone, Debug)]
 pub struct CustomNonbonded {
+    /// Where it ends.
+    pub cutoff: Option<Cutoff>,
     /// Function of `r`, then of the parameters of the particle with the smaller index (their names end in 1), then of
     /// those of the other (2).
     pub energy: Formula,
@@ -261,9 +292,11 @@ pub struct CustomNonbonded {
     pub exclusions: Vec<[usize; 2]>,
 }
 
-/// Values of each particle and energies of them, without cutoff.
+/// Values of each particle and energies of them.
 #[derive(Clone, Debug)]
 pub struct CustomGb {
+    /// Pairs at this distance or beyond are left out, nm.
+    pub cutoff: Option<f64>,
     /// Names of the parameters.
     pub parameter_names: Vec<String>,
     /// The parameters of all particles, particle by particle.
@@ -501,7 +534,12 @@ fn summarize(reader: &mut Reader, system: &System) {
     for force in &system.forces {
         let what =
             if force.name == force.class { "energy".into() } else { format!("energy, {}", force.class) };
-        notes.push(Note::new(force.line, format!("force `{}`", shown(&force.name)), what));
+        let place = format!("force `{}`", shown(&force.name));
+        if let Some(cutoff) = force.kind.cutoff() {
+            let what = format!("pairs from {cutoff} nm on are left out");
+            reader.report.approximated.push(Note::new(force.line, place.clone(), what));
+        }
+        notes.push(Note::new(force.line, place, what));
     }
     for (name, value) in &system.global_parameters {
         notes.push(Note::new(None, format!("parameter `{}`", shown(name)), format!("default value {value}")));

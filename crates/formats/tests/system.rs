@@ -2,7 +2,7 @@
 
 mod mutation;
 
-use phipsi_formats::report::{Loaded, Report};
+use phipsi_formats::report::{Loaded, Note, Report};
 use phipsi_formats::system::*;
 
 /// Every force and every element.
@@ -389,4 +389,57 @@ fn many_errors_are_not_all_listed() {
     assert!(read.value.is_none());
     assert_eq!(read.report.errors.len(), 1001);
     assert!(read.report.errors[1000].found.contains("more than 1000 errors"));
+}
+
+#[test]
+fn cutoffs_are_read() {
+    let text = ALL
+        .replace("ljnz=\"0\" method=\"0\"", "ljnz=\"0\" method=\"1\"")
+        .replace(
+            "rfDielectric=\"1\" switchingDistance=\"-1\"",
+            "rfDielectric=\"78.3\" switchingDistance=\".75\"",
+        )
+        .replace(
+            "type=\"NonbondedForce\" useSwitchingFunction=\"0\"",
+            "type=\"NonbondedForce\" useSwitchingFunction=\"1\"",
+        )
+        .replace("forceGroup=\"0\" method=\"0\" name=\"GBSAOBCForce\"", "method=\"1\" name=\"GBSAOBCForce\"")
+        .replace("forceGroup=\"0\" method=\"0\" name=\"Custom", "method=\"1\" name=\"Custom");
+    let (system, report) = accept(&text);
+    let told = |note: &&Note| note.what == "pairs from 1 nm on are left out";
+    assert_eq!(report.approximated.iter().filter(told).count(), 4);
+    let mut found = 0;
+    for force in &system.forces {
+        found += match &force.kind {
+            ForceKind::Nonbonded(force) => {
+                assert_eq!(force.cutoff, Some(Cutoff { distance: 1.0, switching: Some(0.75) }));
+                assert_eq!(force.reaction_field_dielectric, 78.3);
+                1
+            }
+            ForceKind::GbsaObc(force) => {
+                assert_eq!(force.cutoff, Some(1.0));
+                1
+            }
+            ForceKind::CustomNonbonded(force) => {
+                assert_eq!(force.cutoff, Some(Cutoff { distance: 1.0, switching: None }));
+                1
+            }
+            ForceKind::CustomGb(force) => {
+                assert_eq!(force.cutoff, Some(1.0));
+                1
+            }
+            _ => 0,
+        };
+    }
+    assert_eq!(found, 4);
+    for (from, to, place) in [
+        ("cutoff=\"1\" dispersion", "cutoff=\"0\" dispersion", "cutoff=\"0\" in <Force>"),
+        ("switchingDistance=\".75\"", "switchingDistance=\"1\"", "switchingDistance=\"1\" in <Force>"),
+        ("rfDielectric=\"78.3\"", "rfDielectric=\"-1\"", "rfDielectric=\"-1\" in <Force>"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let report = read(&text.replace(from, to)).report;
+        assert_eq!(report.errors.len(), 1, "{report}");
+        assert_eq!(report.errors[0].found, place);
+    }
 }

@@ -3,24 +3,34 @@
 //! One file per term; its formula is on its first page. Every term agrees with OpenMM's Reference platform
 //! (`tests/energies.rs`).
 
+mod born_integrals;
+mod born_pairs;
 mod check;
 mod cmap;
 mod custom_bonded;
 mod custom_gb;
 mod custom_nonbonded;
+mod exclusions;
 mod generalized_born;
 mod geometry;
 mod harmonic_angle;
 mod harmonic_bond;
+mod left_out;
 mod lennard_jones_table;
+mod neighbors;
 mod nonbonded;
 mod periodic_torsion;
 mod rb_torsion;
 mod recognize;
+mod sweep;
+mod tiles;
+
+pub use left_out::{LeftOut, RigidGroups};
 
 use crate::{Potential, PotentialError};
 use phipsi_formats::system::{Force, ForceKind, System};
 use phipsi_spatial::Vec3;
+use phipsi_spatial::lanes::Level;
 use std::fmt;
 
 /// Most atoms that an error names.
@@ -67,7 +77,10 @@ const MOST_NAMED: usize = 4;
 pub struct ForceField {
     names: Vec<String>,
     terms: Vec<Term>,
+    /// Energies of what each term leaves out.
+    constants: Vec<f64>,
     particles: usize,
+    level: Level,
 }
 
 /// A System that is no force field: an entry that its tables contradict.
@@ -138,15 +151,15 @@ impl Term {
         }
     }
 
-    fn evaluate(&mut self, positions: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
+    fn evaluate(&mut self, level: Level, positions: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
         match self {
             Term::HarmonicBond(term) => term.evaluate(positions, forces),
             Term::HarmonicAngle(term) => term.evaluate(positions, forces),
             Term::PeriodicTorsion(term) => term.evaluate(positions, forces),
             Term::RbTorsion(term) => term.evaluate(positions, forces),
             Term::Cmap(term) => term.evaluate(positions, forces),
-            Term::Nonbonded(term) => term.evaluate(positions, forces),
-            Term::GeneralizedBorn(term) => term.evaluate(positions, forces),
+            Term::Nonbonded(term) => term.evaluate(level, positions, forces),
+            Term::GeneralizedBorn(term) => term.evaluate(level, positions, forces),
             Term::CustomBond(term) => term.evaluate(positions, forces),
             Term::CustomAngle(term) => term.evaluate(positions, forces),
             Term::CustomTorsion(term) => term.evaluate(positions, forces),
@@ -171,7 +184,60 @@ impl ForceField {
             names.push(unused_name(&force.name, &names));
             terms.push(Term::new(force, n));
         }
-        Ok(ForceField { names, terms, particles: n })
+        Ok(ForceField { constants: vec![0.0; names.len()], names, terms, particles: n, level: Level::best() })
+    }
+
+    /// With the instructions of a level instead of [`Level::best`], or of [`Level::Scalar`] where this processor does not have
+    /// them. Energies and forces are the same to the last bit.
+    #[must_use]
+    pub fn at_level(mut self, level: Level) -> ForceField {
+        self.level = level;
+        self
+    }
+
+    /// Leaves out what is constant while the groups move as rigid bodies: bonds, angles, torsions and pairs whose atoms all belong
+    /// to one group. Their energies, at these positions, stay in the energies of their terms; their forces, which move no rigid
+    /// body, are no longer in the forces. Generalized Born energies, energy maps and custom energies of pairs are evaluated as
+    /// before.
+    ///
+    /// # Errors
+    /// As [`Potential::evaluate`]; the force field is then as before.
+    ///
+    /// # Example
+    /// ```
+    /// use phipsi_formats::system::{SystemOptions, read_system};
+    /// use phipsi_molecule::{ForceField, Potential, RigidGroups};
+    /// use phipsi_spatial::Vec3;
+    /// let text = r#"<System><Particles><Particle mass="12"/><Particle mass="16"/></Particles>
+    ///   <Forces><Force type="HarmonicBondForce" name="CO"><Bonds><Bond p1="0" p2="1" d="0.125" k="64"/></Bonds></Force></Forces>
+    /// </System>"#;
+    /// let (system, _) = read_system(text, "co.xml", &SystemOptions::default()).into_result(true)?;
+    /// let mut field = ForceField::new(&system)?;
+    /// let positions = [Vec3([0.0; 3]), Vec3([0.0, 0.0, 0.25])];
+    /// let left_out = field.leave_out(&RigidGroups::new(2, [vec![0, 1]]), &positions)?;
+    /// assert_eq!((left_out[0].entries, left_out[0].energy), ([1, 1], 0.5));
+    /// let (mut energies, mut forces) = ([0.0], [Vec3([0.0; 3]); 2]);
+    /// field.evaluate(&positions, &mut energies, &mut forces)?;
+    /// assert_eq!((energies[0], forces[0].0), (0.5, [0.0; 3]));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn leave_out(
+        &mut self,
+        groups: &RigidGroups,
+        positions: &[Vec3<f64>],
+    ) -> Result<Vec<LeftOut>, PotentialError> {
+        let mut forces = vec![Vec3::zero(); positions.len()];
+        let mut energies = vec![0.0; self.terms.len()];
+        self.evaluate(positions, &mut energies, &mut forces)?;
+        let mut left_out = Vec::new();
+        for ((term, name), constant) in self.terms.iter_mut().zip(&self.names).zip(&mut self.constants) {
+            let Some((entries, energy)) = term.leave_out(groups, self.level, positions, &mut forces) else {
+                continue;
+            };
+            *constant += energy;
+            left_out.push(LeftOut { term: name.clone(), entries, energy });
+        }
+        Ok(left_out)
     }
 
     /// Number of particles.
@@ -191,7 +257,7 @@ impl ForceField {
     ) -> Result<f64, PotentialError> {
         self.check_shapes(positions, forces, self.terms.len())?;
         let Some(kernel) = self.terms.get_mut(term) else { return Ok(0.0) };
-        let energy = kernel.evaluate(positions, forces);
+        let energy = self.constants[term] + kernel.evaluate(self.level, positions, forces);
         if energy.is_finite() && forces.iter().all(is_finite) {
             return Ok(energy);
         }
@@ -228,7 +294,7 @@ impl ForceField {
         let mut atoms = Vec::new();
         for (name, kernel) in self.names.iter().zip(&mut self.terms) {
             forces.fill(Vec3::zero());
-            let energy = kernel.evaluate(positions, forces);
+            let energy = kernel.evaluate(self.level, positions, forces);
             atoms = (0..forces.len()).filter(|&i| !is_finite(&forces[i])).collect();
             if !energy.is_finite() || !atoms.is_empty() {
                 term = name.clone();
@@ -261,8 +327,8 @@ impl Potential for ForceField {
     ) -> Result<(), PotentialError> {
         self.check_shapes(positions, forces, energies.len())?;
         forces.fill(Vec3::zero());
-        for (term, energy) in self.terms.iter_mut().zip(&mut *energies) {
-            *energy = term.evaluate(positions, forces);
+        for ((term, constant), energy) in self.terms.iter_mut().zip(&self.constants).zip(&mut *energies) {
+            *energy = constant + term.evaluate(self.level, positions, forces);
         }
         if energies.iter().all(|energy| energy.is_finite()) && forces.iter().all(is_finite) {
             return Ok(());

@@ -38,7 +38,7 @@ pub use deviates::{Deviates, DeviatesState};
 pub use ensemble::Ensemble;
 pub use files::{LoadedMolecule, Molecule, read_molecule};
 pub use fixman::{Distribution, FixmanForce, FixmanPotential, WithFixman};
-pub use force_field::{ForceField, ForceFieldError};
+pub use force_field::{ForceField, ForceFieldError, LeftOut, RigidGroups};
 pub use hybrid_monte_carlo::Trials;
 pub use lbfgs::{MinimizeOptions, Minimum};
 pub use minimize::{Strain, minimize, strain};

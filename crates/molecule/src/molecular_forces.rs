@@ -1,5 +1,6 @@
 //! A potential of atoms as forces on the torsion model: for the midpoint method, and as an ordinary [`Force`].
 
+use crate::force_field::{ForceField, LeftOut};
 use crate::potential::{Potential, PotentialError};
 use crate::torsion_model::{GatherWorkspace, Poses, TorsionModel};
 use phipsi_model::Model;
@@ -86,6 +87,19 @@ impl<P: Potential> MolecularForces<P> {
     pub fn largest_force(&self) -> Option<(usize, f64)> {
         let sizes = self.forces.iter().map(|f| f.norm()).enumerate();
         sizes.max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+}
+
+impl MolecularForces<ForceField> {
+    /// Leaves out what is constant within rigid clusters, with its energy at this configuration: [`ForceField::leave_out`]. The
+    /// generalised forces stay as they are; [`MolecularForces::atom_forces`] no longer have forces within clusters.
+    ///
+    /// # Errors
+    /// No positions or no energy at this configuration.
+    pub fn leave_out_constants(&mut self, q: &[f64]) -> Result<Vec<LeftOut>, MolecularError> {
+        self.torsion.positions_into(q, &mut self.poses, &mut self.positions)?;
+        let groups = self.torsion.rigid_groups();
+        self.potential.leave_out(&groups, &self.positions).map_err(MolecularError::Potential)
     }
 }
 

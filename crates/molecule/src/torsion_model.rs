@@ -12,6 +12,7 @@
 
 use crate::atoms::{Atoms, MoleculeError, MoleculeErrors};
 use crate::clusters::{Clusters, is_linear};
+use crate::force_field::RigidGroups;
 use crate::roots::{Rooted, rooted};
 use phipsi_model::{Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement};
 use phipsi_recursion::layout::GROUND;
@@ -61,6 +62,12 @@ impl TorsionModel {
     /// [`MoleculeErrors`]: molecules whose atoms lie on one line, and what the model itself refuses.
     pub fn new(atoms: &Atoms, positions: &[Vec3<f64>], clusters: Clusters) -> Result<Self, MoleculeErrors> {
         Self::with_roots(atoms, positions, clusters, &[])
+    }
+    /// Atoms that keep their distances: those of each body, and the far ends of its hinges.
+    pub fn rigid_groups(&self) -> RigidGroups {
+        let body =
+            |(own, far): (&Vec<Site>, &Vec<Site>)| own.iter().chain(far).map(|site| site.atom).collect();
+        RigidGroups::new(self.atoms.len(), self.sites.iter().zip(&self.far).map(body))
     }
     /// The same, with the base of some molecules at given atoms.
     ///

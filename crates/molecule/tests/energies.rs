@@ -7,7 +7,7 @@ use allocation_counter::measure;
 use flate2::read::GzDecoder;
 use phipsi_formats::system::{System, SystemOptions, read_system};
 use phipsi_model::Random;
-use phipsi_molecule::{ForceField, Potential};
+use phipsi_molecule::{ForceField, LeftOut, Potential, RigidGroups};
 use phipsi_spatial::Vec3;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -175,9 +175,21 @@ type Conformation = (Vec<V>, Value);
 
 /// Every kind of force and every feature of it: `make.py` beside the data writes them with OpenMM.
 fn every_force() -> Vec<(String, System, Vec<Conformation>)> {
-    ["bonded", "pairs", "implicit"]
+    cases("every_force", ["bonded", "pairs", "implicit"])
+}
+
+/// Forces with cutoffs, in the same way.
+fn cutoffs() -> Vec<(String, System, Vec<Conformation>)> {
+    let molecules = ["reaction_field", "switched", "born", "custom_born", "charmm"];
+    let mut all = cases("cutoffs", molecules);
+    all.extend(cases("cutoffs", ["custom_pairs", "custom_implicit"]));
+    all
+}
+
+fn cases<const N: usize>(folder: &str, names: [&str; N]) -> Vec<(String, System, Vec<Conformation>)> {
+    names
         .map(|name| {
-            let folder = data().join("every_force");
+            let folder = data().join(folder);
             let reference = text(&folder.join(format!("{name}.ref.json.gz")));
             let reference: Value = serde_json::from_str(&reference).unwrap();
             let conformations = reference["conformations"].as_array().unwrap().iter();
@@ -190,7 +202,7 @@ fn every_force() -> Vec<(String, System, Vec<Conformation>)> {
 
 #[test]
 fn every_force_agrees_with_openmm() {
-    for (name, system, conformations) in every_force() {
+    for (name, system, conformations) in every_force().into_iter().chain(cutoffs()) {
         let mut field = ForceField::new(&system).unwrap();
         for (k, (positions, terms)) in conformations.iter().enumerate() {
             let expected = terms.as_object().unwrap();
@@ -203,7 +215,7 @@ fn every_force_agrees_with_openmm() {
                 let expected_forces = vectors(&expected["forces"]);
                 let expected = expected["energy"].as_f64().unwrap();
                 let difference = largest_difference(&forces, &expected_forces) / largest(&expected_forces);
-                // At most 36 pairs, whose energies cancel by less than 10².
+                // At most 2775 pairs, whose energies cancel by less than 10².
                 let relative = (energy - expected).abs() / expected.abs();
                 assert!(relative <= BAR, "{place}: {energy} {expected}");
                 assert!(difference <= BAR, "{place}: {difference:e}");
@@ -252,7 +264,7 @@ fn forces_are_slopes_of_energies() {
 
 #[test]
 fn forces_have_no_sum_and_no_moment() {
-    for (name, system, conformations) in every_force() {
+    for (name, system, conformations) in every_force().into_iter().chain(cutoffs()) {
         let mut field = ForceField::new(&system).unwrap();
         for (positions, _) in &conformations {
             for term in 0..field.terms().len() {
@@ -299,11 +311,13 @@ fn what_is_not_finite_is_an_error_with_its_atoms() {
 #[test]
 fn nothing_is_allocated_in_an_evaluation() {
     assert_eq!(measure(|| drop(std::hint::black_box(vec![0u8; 8]))).count_total, 1);
-    for (name, system, conformations) in every_force() {
+    for (name, system, conformations) in every_force().into_iter().chain(cutoffs()) {
         let mut field = ForceField::new(&system).unwrap();
         let positions = &conformations[0].0;
         let (mut energies, mut forces) =
             (vec![0.0; field.terms().len()], vec![Vec3([0.0; 3]); positions.len()]);
+        // The first evaluation makes the lists of neighbours.
+        field.evaluate(positions, &mut energies, &mut forces).unwrap();
         let counted = measure(|| field.evaluate(positions, &mut energies, &mut forces).unwrap());
         assert_eq!(counted.count_total, 0, "{name}: {counted:?}");
     }
@@ -317,8 +331,8 @@ fn systems_with_wrong_numbers_do_not_panic() {
         "0", "-1", "1", "2", "3", "7", "8", "0.5", "1e-9", "1e-300", "5e-324", "1e154", "-1e200", "1e308",
         "-0", "1e6",
     ];
-    let files = ["bonded", "pairs", "implicit"]
-        .map(|name| text(&data().join("every_force").join(format!("{name}.xml.gz"))));
+    let files = ["every_force/bonded", "every_force/pairs", "every_force/implicit", "cutoffs/custom_pairs"]
+        .map(|name| text(&data().join(format!("{name}.xml.gz"))));
     let number = |variable: &str| std::env::var(variable).ok().and_then(|text| text.parse::<u64>().ok());
     let duration = number("PHIPSI_FUZZ_SECONDS").map_or(Duration::from_secs(2), Duration::from_secs);
     let first = number("PHIPSI_FUZZ_SEED").unwrap_or(0);
@@ -326,7 +340,7 @@ fn systems_with_wrong_numbers_do_not_panic() {
     while seed == first || start.elapsed() < duration {
         let run = std::panic::catch_unwind(|| {
             let mut r = Random::new(seed);
-            let mut text = files[r.below(3)].clone();
+            let mut text = files[r.below(files.len())].clone();
             for _ in 0..1 + r.below(3) {
                 let is_number = |c: char| c.is_ascii_digit() || c == '.' || c == '-';
                 let at = r.below(text.len());
@@ -358,4 +372,97 @@ fn systems_with_wrong_numbers_do_not_panic() {
     }
     assert!(evaluated > 0 || seed == first + 1);
     println!("{} cases, {evaluated} evaluated", seed - first);
+}
+
+/// Rigid groups turned about the axis of a hinge: energies of all terms as before, forces that differ by none on any group.
+#[test]
+fn what_is_left_out_is_constant() {
+    let files =
+        ["met_enkephalin/met_enkephalin.vacuum", "ace_ala3_nme/ace_ala3_nme.charmm36", "cutoffs/switched"];
+    for file in files {
+        let system = system(&data().join(format!("{file}.xml.gz")));
+        let n = system.masses.len();
+        let molecule = if n == 42 { "ace_ala3_nme" } else { "met_enkephalin" };
+        let reference = text(&data().join(format!("{molecule}/{molecule}.ref.json.gz")));
+        let reference: Value = serde_json::from_str(&reference).unwrap();
+        let x = vectors(&reference["conformations"][0]["positions"]);
+        let bonds: Vec<[usize; 2]> = reference["bonds"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|b| [0, 1].map(|k| b[k].as_u64().unwrap() as usize))
+            .collect();
+        let hinge = bonds
+            .iter()
+            .copied()
+            .find(|&bond| sides(n, &bonds, bond).is_some_and(|s| s.iter().all(|s| s.len() > 8)))
+            .unwrap();
+        let [first, second] = sides(n, &bonds, hinge).unwrap();
+        let with = |side: &[usize], atom: usize| side.iter().copied().chain([atom]).collect::<Vec<_>>();
+        let groups = RigidGroups::new(n, [with(&first, hinge[1]), with(&second, hinge[0])]);
+        let (mut whole, mut field) = (ForceField::new(&system).unwrap(), ForceField::new(&system).unwrap());
+        let left_out = field.leave_out(&groups, &x).unwrap();
+        for LeftOut { term, entries: [out, all], .. } in &left_out {
+            let whole = term == "HarmonicBondForce" || term == "HarmonicAngleForce";
+            assert!(out <= all && (*out == *all || !whole), "{left_out:?}");
+        }
+        let some = |name: &str| {
+            left_out.iter().any(|l| l.term == name && 0 < l.entries[0] && l.entries[0] < l.entries[1])
+        };
+        assert!(some("NonbondedForce"), "{left_out:?}");
+        let axis = x[hinge[1]] - x[hinge[0]];
+        let axis = axis.scale(1.0 / axis.norm());
+        for angle in [0.0f64, 0.3, 2.0] {
+            let mut turned = x.clone();
+            for &i in &second {
+                let d = x[i] - x[hinge[0]];
+                let along = axis.scale(axis.dot(d));
+                turned[i] =
+                    x[hinge[0]] + along + (d - along).scale(angle.cos()) + axis.cross(d).scale(angle.sin());
+            }
+            let evaluate = |field: &mut ForceField| {
+                let (mut energies, mut forces) = (vec![0.0; field.terms().len()], vec![Vec3([0.0; 3]); n]);
+                field.evaluate(&turned, &mut energies, &mut forces).unwrap();
+                let mut sums = vec![];
+                for side in [&first, &second] {
+                    let force = side.iter().fold(Vec3([0.0; 3]), |sum, &i| sum + forces[i]);
+                    let moment = side
+                        .iter()
+                        .fold(Vec3([0.0; 3]), |sum, &i| sum + (turned[i] - x[hinge[0]]).cross(forces[i]));
+                    sums.extend([force, Vec3([axis.dot(moment), 0.0, 0.0])]);
+                }
+                (energies, sums, largest(&forces))
+            };
+            let ((a, sums_a, size), (b, sums_b, _)) = (evaluate(&mut whole), evaluate(&mut field));
+            for (term, (a, b)) in field.terms().iter().zip(a.iter().zip(&b)) {
+                // Stiff bonds (2.5e5 kJ/mol/nm²) turn the rounding of a distance into 1e-9 kJ/mol at most.
+                assert!((a - b).abs() <= 1e-9 + 1e-12 * a.abs(), "{file} {term}: {a} {b}");
+            }
+            // Only moments about the axis and forces between the groups move anything; the atoms on the axis share a force along it
+            // and the reactions of angles across it.
+            let moments =
+                (sums_a[3].0[0] - sums_b[3].0[0]).abs().max((sums_a[1].0[0] - sums_b[1].0[0]).abs());
+            assert!(moments <= 1e-11 * size, "{file}: {moments:e} of {size}");
+        }
+    }
+}
+
+/// The atoms on either side of a bond; `None` in a ring.
+fn sides(n: usize, bonds: &[[usize; 2]], [i, j]: [usize; 2]) -> Option<[Vec<usize>; 2]> {
+    let mut seen = vec![false; n];
+    let mut found = vec![j];
+    seen[j] = true;
+    let mut k = 0;
+    while k < found.len() {
+        for &[a, b] in bonds.iter().filter(|bond| **bond != [i, j]) {
+            for (from, to) in [(a, b), (b, a)] {
+                if from == found[k] && !seen[to] {
+                    seen[to] = true;
+                    found.push(to);
+                }
+            }
+        }
+        k += 1;
+    }
+    (!seen[i]).then(|| [(0..n).filter(|&a| !seen[a]).collect(), found])
 }

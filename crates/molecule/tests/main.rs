@@ -6,5 +6,6 @@ mod energies;
 mod ensembles;
 mod minimize;
 mod nve;
+mod pair_sums;
 mod torsion_model;
 mod velocities;

@@ -29,7 +29,7 @@ pub struct Loaded {
 /// Atoms with the force field of an OpenMM System: energies and forces, in double precision.
 ///
 /// Made by ``System.from_files`` or ``System.from_openmm``. Units are OpenMM's: nm, kJ/mol, kJ/mol/nm, Da. Positions are
-/// (…, n_atoms, 3); leading batch axes are always allowed. ``positions=None`` means those of the file. There is no cutoff.
+/// (…, n_atoms, 3); leading batch axes are always allowed. ``positions=None`` means those of the file.
 ///
 /// Example
 /// -------
@@ -169,7 +169,7 @@ impl System {
     /// Parameters
     /// ----------
     /// pdb : names, elements and positions.
-    /// system_xml : masses and forces. Cutoffs, virtual sites and periodic boxes in use are refused.
+    /// system_xml : masses and forces. Periodic cutoffs, virtual sites and periodic boxes in use are refused.
     /// strict : True refuses warnings too.
     /// ignore : names or classes of forces that are left out.
     ///

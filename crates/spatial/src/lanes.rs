@@ -16,6 +16,7 @@
 // The one place with unsafe code: intrinsics, and one view of f64 as Fused.
 #![allow(unsafe_code)]
 
+use crate::ordered::Ordered;
 use crate::sin_cos::{Quadrants, sin_cos};
 use crate::wide::{Wide, WideKernel, With};
 use crate::{Kernel, Scalar};
@@ -73,7 +74,7 @@ impl Level {
 }
 
 /// A scalar whose lanes are f64 states.
-pub trait Lanes: Scalar<Constant = f64, Arithmetic = Self> {
+pub trait Lanes: Scalar<Constant = f64, Arithmetic = Self> + Wide<Fused> + Ordered {
     /// Lane i is `f(i)`.
     fn from_lanes(f: impl FnMut(usize) -> f64) -> Self;
     /// Lane i.
@@ -338,6 +339,47 @@ impl Quadrants for Fused {
     fn by_library(self, _: f64, _: Self, _: Self) -> (Self, Self) {
         let (s, c) = self.0.sin_cos();
         (Fused(s), Fused(c))
+    }
+}
+
+/// The bits of √½, of 1, and of 2⁵².
+const BITS: [u64; 3] = [0x3fe6_a09e_667f_3bcd, 0x3ff0_0000_0000_0000, 0x4330_0000_0000_0000];
+/// 2⁵² and the offset of exponents.
+const EXPONENT_ZERO: f64 = 4_503_599_627_370_496.0 + 1023.0;
+/// Less half the bits of x it is near 1/√x.
+const ROOT_BITS: u64 = 0x5fe6_eb50_c7b5_37a9;
+
+impl Ordered for Fused {
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Fused(self.0.abs())
+    }
+    #[inline(always)]
+    fn larger(self, other: Self) -> Self {
+        if self.0 > other.0 { self } else { other }
+    }
+    #[inline(always)]
+    fn below(self, bound: Self, yes: Self, no: Self) -> Self {
+        if self.0 < bound.0 { yes } else { no }
+    }
+    #[inline(always)]
+    fn choose(self, bits: u32, other: Self) -> Self {
+        if bits & 1 == 1 { self } else { other }
+    }
+    #[inline(always)]
+    fn reciprocal_root_guess(self) -> Self {
+        Fused(f64::from_bits(ROOT_BITS.wrapping_sub(self.0.to_bits() >> 1)))
+    }
+    #[inline(always)]
+    fn times_power_of_two(self, shifted: Self) -> Self {
+        Fused(f64::from_bits(self.0.to_bits().wrapping_add(shifted.0.to_bits() << 52)))
+    }
+    #[inline(always)]
+    fn mantissa_and_exponent(self) -> (Self, Self) {
+        let bits = self.0.to_bits();
+        let biased = bits.wrapping_add(BITS[1] - BITS[0]) >> 52;
+        let m = f64::from_bits(bits.wrapping_sub(biased << 52).wrapping_add(BITS[1]));
+        (Fused(m), Fused(f64::from_bits(biased | BITS[2]) - EXPONENT_ZERO))
     }
 }
 

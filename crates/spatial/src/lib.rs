@@ -13,6 +13,7 @@
 pub mod double_double;
 pub mod inertia;
 pub mod lanes;
+pub mod ordered;
 pub mod quaternion;
 pub mod scalar;
 mod sin_cos;
@@ -25,6 +26,7 @@ pub mod wide;
 
 pub use double_double::Dd;
 pub use inertia::{ArticulatedInertia, RigidInertia};
+pub use ordered::Ordered;
 pub use quaternion::Quaternion;
 pub use scalar::{Kernel, Real, Scalar};
 pub use six::{Motion, Wrench};

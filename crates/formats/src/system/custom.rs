@@ -85,7 +85,7 @@ pub(super) fn nonbonded(
     let known =
         ["energy", "method", "cutoff", "useSwitchingFunction", "switchingDistance", "useLongRangeCorrection"];
     reader.check_force(node, place, &known);
-    reader.check_method(node, place, &METHODS[..3]);
+    let cutoff = reader.switched_cutoff(node, place, &METHODS[..3]);
     const LISTS: [&str; 8] = [
         "PerParticleParameters",
         "Particles",
@@ -113,7 +113,7 @@ pub(super) fn nonbonded(
     let energy = formula(reader, &Entry::whole(node, place), "energy", &variables, &constants, &tables)?;
     let parameters = particle_parameters(reader, particles, place, parameter_names.len(), n);
     let exclusions = pairs(reader, exclusions, place, n);
-    Some(CustomNonbonded { energy, parameter_names, parameters, exclusions })
+    Some(CustomNonbonded { cutoff, energy, parameter_names, parameters, exclusions })
 }
 
 pub(super) fn gb(
@@ -124,7 +124,7 @@ pub(super) fn gb(
     globals: &mut Globals,
 ) -> Option<CustomGb> {
     reader.check_force(node, place, &["method", "cutoff"]);
-    reader.check_method(node, place, &METHODS[..3]);
+    let cutoff = reader.cutoff(node, place, &METHODS[..3]);
     const LISTS: [&str; 8] = [
         "PerParticleParameters",
         "ComputedValues",
@@ -180,7 +180,7 @@ pub(super) fn gb(
     }
     let parameters = particle_parameters(reader, particles, place, parameter_names.len(), n);
     let exclusions = pairs(reader, exclusions, place, n);
-    Some(CustomGb { parameter_names, parameters, values, energies, exclusions })
+    Some(CustomGb { cutoff, parameter_names, parameters, values, energies, exclusions })
 }
 
 fn scope(reader: &mut Reader, entry: &Entry<'_, '_>) -> Option<GbScope> {

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 pub(super) const METHODS: [&str; 6] =
     ["NoCutoff", "CutoffNonPeriodic", "CutoffPeriodic", "Ewald", "PME", "LJPME"];
 
-/// What a NonbondedForce may have beside its particles; without a cutoff none of it has an effect.
+/// What a NonbondedForce may have beside its particles; without a periodic box most of it has no effect.
 const ATTRIBUTES: [&str; 19] = [
     "method",
     "cutoff",
@@ -37,7 +37,12 @@ const SMALLEST_RADIUS: f64 = 0.009;
 
 pub(super) fn nonbonded(reader: &mut Reader, node: Node<'_, '_>, place: &str, n: usize) -> Option<Nonbonded> {
     reader.check_force(node, place, &ATTRIBUTES);
-    reader.check_method(node, place, &METHODS);
+    let cutoff = reader.switched_cutoff(node, place, &METHODS);
+    let at = super::Entry::whole(node, place);
+    let reaction_field_dielectric = match cutoff {
+        Some(_) => reader.positive(&at, "rfDielectric")?,
+        None => 0.0,
+    };
     const LISTS: [&str; 5] =
         ["Particles", "Exceptions", "GlobalParameters", "ParticleOffsets", "ExceptionOffsets"];
     let lists = reader.lists(node, place, &LISTS, &LISTS[2..]);
@@ -49,7 +54,7 @@ pub(super) fn nonbonded(reader: &mut Reader, node: Node<'_, '_>, place: &str, n:
             reader.error(offset, place, "a parameter offset", "no parameter offsets", to_do);
         }
     }
-    let mut force = Nonbonded::default();
+    let mut force = Nonbonded { cutoff, reaction_field_dielectric, ..Nonbonded::default() };
     for entry in reader.entries(particles, place, "Particle", "particle") {
         reader.check_attributes(&entry, &["q", "sig", "eps"]);
         let charge = reader.number(&entry, "q").unwrap_or(0.0);
@@ -79,7 +84,7 @@ pub(super) fn nonbonded(reader: &mut Reader, node: Node<'_, '_>, place: &str, n:
 pub(super) fn gbsa_obc(reader: &mut Reader, node: Node<'_, '_>, place: &str, n: usize) -> Option<GbsaObc> {
     let known = ["method", "cutoff", "soluteDielectric", "solventDielectric", "surfaceAreaEnergy"];
     reader.check_force(node, place, &known);
-    reader.check_method(node, place, &METHODS[..3]);
+    let cutoff = reader.cutoff(node, place, &METHODS[..3]);
     let at = super::Entry::whole(node, place);
     let solute_dielectric = reader.positive(&at, "soluteDielectric")?;
     let solvent_dielectric = reader.positive(&at, "solventDielectric")?;
@@ -99,5 +104,5 @@ pub(super) fn gbsa_obc(reader: &mut Reader, node: Node<'_, '_>, place: &str, n: 
         particles.push(GbsaParticle { charge, radius, scale });
     }
     reader.check_count(node, place, particles.len(), n);
-    Some(GbsaObc { solvent_dielectric, solute_dielectric, surface_area_energy, particles })
+    Some(GbsaObc { cutoff, solvent_dielectric, solute_dielectric, surface_area_energy, particles })
 }

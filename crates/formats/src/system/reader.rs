@@ -1,5 +1,6 @@
 //! Elements and attributes of a System, each with its force, entry and line in what is reported.
 
+use super::Cutoff;
 use crate::report::{Note, Problem, Report};
 use crate::suggest::{quote, remedy};
 use crate::xml::Lines;
@@ -101,14 +102,35 @@ impl Reader {
         }
     }
 
-    /// An error unless the force has no cutoff.
-    pub fn check_method(&mut self, node: Node<'_, '_>, place: &str, methods: &[&str]) {
-        let Some(method) = self.integer(&Entry::whole(node, place), "method") else { return };
-        if method != 0 {
-            let name = usize::try_from(method).ok().and_then(|m| methods.get(m)).unwrap_or(&"unknown");
-            let found = format!("method {method} ({name})");
-            self.error(node, place, found, "method 0 (NoCutoff)", &format!("make the system by {NO_CUTOFF}"));
+    /// The distance of a force's cutoff, if it has one; an error for other methods than NoCutoff and CutoffNonPeriodic.
+    pub fn cutoff(&mut self, node: Node<'_, '_>, place: &str, methods: &[&str]) -> Option<f64> {
+        let at = Entry::whole(node, place);
+        match self.integer(&at, "method")? {
+            0 => None,
+            1 => self.positive(&at, "cutoff"),
+            method => {
+                let name = usize::try_from(method).ok().and_then(|m| methods.get(m)).unwrap_or(&"unknown");
+                let found = format!("method {method} ({name})");
+                let required = "method 0 (NoCutoff) or 1 (CutoffNonPeriodic)";
+                self.error(node, place, found, required, &format!("make the system by {NO_CUTOFF}"));
+                None
+            }
         }
+    }
+
+    /// As [`cutoff`](Self::cutoff), with the distance where switching begins, in a force that may switch.
+    pub fn switched_cutoff(&mut self, node: Node<'_, '_>, place: &str, methods: &[&str]) -> Option<Cutoff> {
+        let distance = self.cutoff(node, place, methods)?;
+        let at = Entry::whole(node, place);
+        let mut switching = None;
+        if node.attribute("useSwitchingFunction").is_some_and(|text| text.trim() != "0") {
+            let start = self.non_negative(&at, "switchingDistance")?;
+            if start >= distance {
+                return self.bad(&at, "switchingDistance", &start.to_string(), "less than the cutoff");
+            }
+            switching = Some(start);
+        }
+        Some(Cutoff { distance, switching })
     }
 
     /// The child elements with these names, each at most once; an error for a missing one that is not optional, and a

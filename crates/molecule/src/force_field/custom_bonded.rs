@@ -26,6 +26,22 @@ impl<const N: usize> CustomTerms<N> {
         }
     }
 
+    pub(super) fn len(&self) -> usize {
+        self.atoms.len()
+    }
+
+    /// Takes out the entries whose atoms are `held`.
+    pub(super) fn take_out(&mut self, held: impl Fn(&[usize]) -> bool) -> Self {
+        let (atoms, parameters) = (std::mem::take(&mut self.atoms), std::mem::take(&mut self.parameters));
+        let (mut out, count) = (self.clone(), self.count);
+        for (k, atoms) in atoms.into_iter().enumerate() {
+            let to = if held(&atoms) { &mut out } else { &mut *self };
+            to.atoms.push(atoms);
+            to.parameters.extend_from_slice(&parameters[k * count..(k + 1) * count]);
+        }
+        out
+    }
+
     /// The sum over all entries: `coordinate` measures one, `push` adds its forces for a slope of the energy.
     fn sum<G>(
         &mut self,

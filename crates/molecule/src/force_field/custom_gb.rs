@@ -7,8 +7,8 @@
 //! | E | Σᵢ of single particles + Σ_{i<j} of pairs |
 //! | ∂Vₖᵢ | ∂E/∂Vₖᵢ: first of the energies alone, then from the last value to the first through the Fₖ |
 
+use super::exclusions::Exclusions;
 use super::geometry::distance;
-use super::nonbonded::Exclusions;
 use phipsi_formats::system::{CustomGb, Formula, GbScope, Slope};
 use phipsi_spatial::Vec3;
 
@@ -17,6 +17,8 @@ pub(super) struct CustomGbTerm {
     /// Number of parameters, and of parameters and values, of one particle.
     parameters: usize,
     width: usize,
+    /// Pairs from this distance on are left out.
+    cutoff: f64,
     /// The first value; its slope is that in r.
     first: Option<Function>,
     /// The other values, with slopes in the values before.
@@ -88,6 +90,7 @@ impl CustomGbTerm {
         CustomGbTerm {
             parameters,
             width,
+            cutoff: tables.cutoff.unwrap_or(f64::INFINITY),
             first,
             others,
             energies,
@@ -121,7 +124,11 @@ impl CustomGbTerm {
         }
         for i in 0..x.len() {
             for j in first.exclusions.partners(i).flatten() {
-                self.buffer[0] = distance(x, [i, j]).0;
+                let (r, _) = distance(x, [i, j]);
+                if r >= self.cutoff {
+                    continue;
+                }
+                self.buffer[0] = r;
                 for [i, j] in [[i, j], [j, i]] {
                     self.buffer[1..1 + p].copy_from_slice(&self.rows[i * w..i * w + p]);
                     self.buffer[1 + p..1 + 2 * p].copy_from_slice(&self.rows[j * w..j * w + p]);
@@ -158,6 +165,9 @@ impl CustomGbTerm {
         for i in 0..x.len() {
             for j in term.exclusions.partners(i).flatten() {
                 let (r, gradient) = distance(x, [i, j]);
+                if r >= self.cutoff {
+                    continue;
+                }
                 self.buffer[0] = r;
                 self.buffer[1..1 + w].copy_from_slice(&self.rows[i * w..(i + 1) * w]);
                 self.buffer[1 + w..1 + 2 * w].copy_from_slice(&self.rows[j * w..(j + 1) * w]);
@@ -193,6 +203,9 @@ impl CustomGbTerm {
         for i in 0..x.len() {
             for j in first.exclusions.partners(i).flatten() {
                 let (r, gradient) = distance(x, [i, j]);
+                if r >= self.cutoff {
+                    continue;
+                }
                 self.buffer[0] = r;
                 let mut by_r = 0.0;
                 for [i, j] in [[i, j], [j, i]] {

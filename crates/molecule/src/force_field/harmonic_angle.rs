@@ -14,6 +14,18 @@ impl HarmonicAngles {
         HarmonicAngles { angles: angles.to_vec() }
     }
 
+    pub(super) fn len(&self) -> usize {
+        self.angles.len()
+    }
+
+    /// Takes out the entries whose atoms are `held`.
+    pub(super) fn take_out(&mut self, held: impl Fn(&[usize]) -> bool) -> Self {
+        let all = std::mem::take(&mut self.angles);
+        let (out, rest) = all.into_iter().partition(|angle| held(&angle.atoms));
+        self.angles = rest;
+        HarmonicAngles { angles: out }
+    }
+
     pub(super) fn evaluate(&mut self, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
         let mut energy = 0.0;
         for entry in &self.angles {

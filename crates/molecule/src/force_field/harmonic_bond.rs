@@ -14,6 +14,18 @@ impl HarmonicBonds {
         HarmonicBonds { bonds: bonds.to_vec() }
     }
 
+    pub(super) fn len(&self) -> usize {
+        self.bonds.len()
+    }
+
+    /// Takes out the entries whose atoms are `held`.
+    pub(super) fn take_out(&mut self, held: impl Fn(&[usize]) -> bool) -> Self {
+        let all = std::mem::take(&mut self.bonds);
+        let (out, rest) = all.into_iter().partition(|bond| held(&bond.atoms));
+        self.bonds = rest;
+        HarmonicBonds { bonds: out }
+    }
+
     pub(super) fn evaluate(&mut self, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
         let mut energy = 0.0;
         for bond in &self.bonds {

@@ -41,6 +41,24 @@ impl PeriodicTorsions {
         PeriodicTorsions { torsions, waves }
     }
 
+    pub(super) fn len(&self) -> usize {
+        self.waves.len()
+    }
+
+    /// Takes out the torsions whose atoms are `held`.
+    pub(super) fn take_out(&mut self, held: impl Fn(&[usize]) -> bool) -> Self {
+        let empty = || PeriodicTorsions { torsions: Vec::new(), waves: Vec::new() };
+        let PeriodicTorsions { torsions, waves } = std::mem::replace(self, empty());
+        let (mut out, mut begin) = (empty(), 0);
+        for torsion in torsions {
+            let to = if held(&torsion.atoms) { &mut out } else { &mut *self };
+            to.waves.extend_from_slice(&waves[begin..torsion.end]);
+            begin = torsion.end;
+            to.torsions.push(Torsion { end: to.waves.len(), ..torsion });
+        }
+        out
+    }
+
     pub(super) fn evaluate(&mut self, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
         let mut energy = 0.0;
         let mut begin = 0;

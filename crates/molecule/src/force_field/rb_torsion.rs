@@ -14,6 +14,18 @@ impl RbTorsions {
         RbTorsions { torsions: torsions.to_vec() }
     }
 
+    pub(super) fn len(&self) -> usize {
+        self.torsions.len()
+    }
+
+    /// Takes out the entries whose atoms are `held`.
+    pub(super) fn take_out(&mut self, held: impl Fn(&[usize]) -> bool) -> Self {
+        let all = std::mem::take(&mut self.torsions);
+        let (out, rest) = all.into_iter().partition(|torsion| held(&torsion.atoms));
+        self.torsions = rest;
+        RbTorsions { torsions: out }
+    }
+
     pub(super) fn evaluate(&mut self, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
         let mut energy = 0.0;
         for entry in &self.torsions {

@@ -2,9 +2,9 @@
 //!
 //! A formula fits a pattern if both are the same expression after parsing, but for numbers that the pattern leaves open.
 
-use super::generalized_born::{GeneralizedBorn, Particle};
+use super::exclusions::Exclusions;
+use super::generalized_born::{Constants, GeneralizedBorn, Particle};
 use super::lennard_jones_table::LennardJonesTable;
-use super::nonbonded::Exclusions;
 use phipsi_formats::Expression;
 use phipsi_formats::system::{CustomGb, CustomNonbonded, Formula, GbScope};
 
@@ -39,7 +39,7 @@ pub(super) fn lennard_jones(tables: &CustomNonbonded, n: usize) -> Option<Lennar
     let known = |x: &f64| (x.round() >= 0.0 && x.round() < count as f64).then_some(x.round() as usize);
     let types = tables.parameters.iter().map(known).collect::<Option<Vec<usize>>>()?;
     let exclusions = Exclusions::new(n, tables.exclusions.iter().copied());
-    Some(LennardJonesTable { types, count, coefficients, exclusions })
+    Some(LennardJonesTable { types, count, coefficients, exclusions, cutoff: tables.cutoff })
 }
 
 /// The energy that OpenMM's `implicit/obc2.xml` makes, with or without its surface energy.
@@ -69,7 +69,9 @@ pub(super) fn obc2(tables: &CustomGb) -> Option<GeneralizedBorn> {
             }
             GbScope::Pair => {
                 let f = "f=sqrt(r^2+B1*B2*exp(-r^2/(4*B1*B2)))";
-                (&mut pair, fit(&format!("-{a}*charge1*charge2/f; {f}"), &energy.formula)?)
+                let plain = fit(&format!("-{a}*charge1*charge2/f; {f}"), &energy.formula);
+                let shifted = || fit(&format!("-{a}*charge1*charge2*(1/f-{b}); {f}"), &energy.formula);
+                (&mut pair, plain.or_else(shifted)?)
             }
             GbScope::PairWithExclusions => return None,
         };
@@ -91,7 +93,15 @@ pub(super) fn obc2(tables: &CustomGb) -> Option<GeneralizedBorn> {
         let radius = offset_radius + offset;
         particles.push(Particle { charge, offset_radius, scaled_radius, radius, surface });
     }
-    Some(GeneralizedBorn::new(particles, [own?[0], pair?[0]], [beta, gamma], false))
+    let [factor, shift, _] = pair?;
+    let constants = Constants {
+        kappa: [own?[0], factor],
+        obc: [beta, gamma],
+        inside: false,
+        cutoff: tables.cutoff,
+        shift,
+    };
+    Some(GeneralizedBorn::new(particles, constants))
 }
 
 /// The numbers in place of the open ones; `None` unless the formula fits the pattern. Absent ones are 0.
@@ -151,11 +161,13 @@ mod tests {
     use std::io::Read;
 
     /// Texts of systems, and how many custom forces with a closed form and without they have.
-    const FILES: [(&str, usize, usize); 4] = [
+    const FILES: [(&str, usize, usize); 6] = [
         ("aladi/aladi.obc2.xml.gz", 1, 0),
         ("aladi/aladi.charmm36.xml.gz", 1, 0),
         ("every_force/implicit.xml.gz", 1, 2),
         ("every_force/pairs.xml.gz", 1, 2),
+        ("cutoffs/custom_born.xml.gz", 1, 0),
+        ("cutoffs/charmm.xml.gz", 1, 0),
     ];
 
     fn text(file: &str) -> String {
@@ -204,7 +216,8 @@ mod tests {
                         (0..n).map(|_| Vec3([0, 1, 2].map(|_| size * random.signed()))).collect();
                     let zero = vec![Vec3([0.0; 3]); n];
                     let (mut f, mut g) = (zero.clone(), zero);
-                    let (a, b) = (closed.evaluate(&x, &mut f), general.evaluate(&x, &mut g));
+                    let level = phipsi_spatial::lanes::Level::best();
+                    let (a, b) = (closed.evaluate(level, &x, &mut f), general.evaluate(level, &x, &mut g));
                     let largest = |f: &[Vec3<f64>]| f.iter().map(|f| f.norm()).fold(0.0, f64::max);
                     let difference: Vec<Vec3<f64>> = f.iter().zip(&g).map(|(f, g)| *f - *g).collect();
                     // About 10² operations between a coordinate and the energy of a pair, 231 pairs, and cancellation

@@ -95,6 +95,17 @@ pub(crate) fn read(
     if !look_at_start(&mut forces, &mut start, minimize, report) {
         return Err(reports);
     }
+    match forces.leave_out_constants(&start.q) {
+        Ok(left_out) => {
+            let told = left_out.iter().filter(|l| l.entries[0] > 0);
+            report.used.extend(told.map(|l| Note::new(None, "left out", l.to_string())));
+        }
+        Err(e) => {
+            let remedy = "move the atoms apart, or correct the files";
+            report.errors.push(Problem::new(None, "force field", e.to_string(), "finite energies", remedy));
+            return Err(reports);
+        }
+    }
     if let Some(temperature) = temperature {
         match ArticulatedSweep::new(torsion.layout(), &start.q) {
             Ok(factors) => {

@@ -233,3 +233,76 @@ fn rows_go_to_lanes_and_back() {
         at_level(level, Rows);
     }
 }
+
+/// Functions of [`Ordered`] on positive numbers: lane after lane (1/√x, eˣ of −x and of x below 700, ln x).
+struct Functions(Vec<f64>);
+impl Visitor for Functions {
+    type Output = Vec<[f64; 4]>;
+    fn visit<T: Lanes>(self) -> Self::Output {
+        let mut out = Vec::new();
+        for pack in self.0.chunks(T::LANES) {
+            let x = T::from_lanes(|i| pack[i.min(pack.len() - 1)]);
+            let up = T::from_lanes(|i| pack[i.min(pack.len() - 1)].min(700.0));
+            let found = T::dispatch(Small(|| [x.reciprocal_root(), (-x).exp(), up.exp(), x.ln()]));
+            out.extend((0..pack.len()).map(|i| found.map(|f| f.lane(i))));
+        }
+        out
+    }
+}
+
+/// Against the standard library, whose own error is below one place.
+#[test]
+fn roots_exponentials_and_logarithms() {
+    let mut x: Vec<f64> = (-1022..1023).map(|k| 2f64.powi(k)).collect();
+    x.extend((0..4000).flat_map(|k| {
+        let step = f64::from(k) * 0.001_237;
+        [1.0 + 1e-4 * step, 1.0 - 1e-4 * step, 0.5 + step, step.exp(), 150.0 * step + 1e-9]
+    }));
+    let mut worst = [0f64; 4];
+    let found = at_level(Level::Scalar, Functions(x.clone())).unwrap();
+    for (x, found) in x.iter().zip(&found) {
+        let want = [1.0 / x.sqrt(), (-x.min(708.0)).exp(), x.min(700.0).exp(), x.ln()];
+        for (k, (want, found)) in want.iter().zip(found).enumerate() {
+            // Next to 1 the logarithm is compared with the distance from it.
+            let places = (found - want).abs() / (f64::EPSILON * want.abs().max(f64::MIN_POSITIVE));
+            worst[k] = worst[k].max(places);
+            assert!(places <= 3.0, "function {k} of {x:e}: {found:e} for {want:e}");
+        }
+    }
+    println!("largest differences, places: {worst:?}");
+    for level in Level::ALL {
+        if let Some(other) = at_level(level, Functions(x.clone())) {
+            let bits = |all: &[[f64; 4]]| all.iter().map(|x| x.map(f64::to_bits)).collect::<Vec<_>>();
+            assert_eq!(bits(&found), bits(&other), "{}", level.name());
+        }
+    }
+    let coincident = at_level(Level::Scalar, Functions(vec![0.0])).unwrap()[0][0];
+    assert!(coincident > 1e154 && coincident * coincident == f64::INFINITY);
+}
+
+#[test]
+fn lanes_are_compared_and_chosen() {
+    struct Choice;
+    impl Visitor for Choice {
+        type Output = ();
+        fn visit<T: Lanes>(self) {
+            let (a, b) = (T::from_lanes(|i| i as f64 - 2.0), T::splat(1.0));
+            let [size, larger, below] = T::dispatch(Small(|| [a.abs(), a.larger(b), a.below(b, a, b)]));
+            for bits in 0..1u32 << T::LANES {
+                let chosen = T::dispatch(Small(|| a.choose(bits, b)));
+                for i in 0..T::LANES {
+                    assert_eq!(chosen.lane(i), if bits >> i & 1 == 1 { a.lane(i) } else { 1.0 });
+                }
+            }
+            for i in 0..T::LANES {
+                let x = a.lane(i);
+                assert_eq!([size.lane(i), larger.lane(i), below.lane(i)], [x.abs(), x.max(1.0), x.min(1.0)]);
+            }
+            let nan = T::dispatch(Small(|| T::splat(f64::NAN).exp()));
+            assert!((0..T::LANES).all(|i| nan.lane(i).is_nan()));
+        }
+    }
+    for level in Level::ALL {
+        at_level(level, Choice);
+    }
+}

@@ -4,6 +4,7 @@ use super::*;
 use crate::wide::WIDEST;
 use core::arch::x86_64::*;
 
+mod ordered;
 mod rows;
 mod six;
 
