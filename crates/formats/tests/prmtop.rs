@@ -61,7 +61,7 @@ fn coordinates() {
     assert!(of("a\n    2\n   1.0000000   2.0000000  -3.5000000\n", 2).contains("3 numbers; 6"));
     assert!(of("", 1).contains("no number"));
     // Velocities and the box of rst7 files.
-    let text = format!("a\n    1  0.5\n{}{}", "   1.0000000".repeat(6), "\n  10.0000000".repeat(1));
+    let text = format!("a\n    1  0.5\n{}{}", "   1.0000000".repeat(6), "\n  10.0000000");
     let loaded = read_inpcrd(&text, "a.rst7", 1);
     assert_eq!((loaded.value, loaded.report.ignored.len()), (Some(vec![[0.1; 3]]), 1));
 }
@@ -96,7 +96,7 @@ fn mistakes_name_their_section() {
         (with_pointer(20, 1), "perturbation"),
         (with_pointer(29, 1), "cap of water"),
         (with_pointer(30, 4), "virtual sites"),
-        (with_pointer(1, i32::MAX), "section `NONBONDED_PARM_INDEX`"),
+        (with_pointer(1, 9_999_999), "section `NONBONDED_PARM_INDEX`"),
         (with_pointer(2, -5), "section `BONDS_"),
         (with("CHARGE", "  1.0"), "section `CHARGE`: 1 fields; 22"),
         (with("MASS", &"             inf".repeat(5)), "section `MASS`"),
@@ -132,7 +132,7 @@ fn broken_files_do_not_panic() {
     let pieces =
         ["-", "9", "0", " ", "%FLAG ", "\n", "E", "nan", "99999999", "é", "(", "10I8", "-2147483648"];
     let (mut accepted, mut refused) = (0, 0);
-    for _ in 0..1500 {
+    for _ in 0..300 {
         let mut text = [FF14SB, FF19SB][index(2)].to_string();
         for _ in 0..1 + index(3) {
             let mut at = index(text.len());
@@ -157,5 +157,5 @@ fn broken_files_do_not_panic() {
             false => refused += 1,
         }
     }
-    assert!(accepted > 10 && refused > 500, "{accepted} {refused}");
+    assert!(accepted > 5 && refused > 100, "{accepted} {refused}");
 }

@@ -185,7 +185,8 @@ impl<'a> Sections<'a> {
 
 /// Fields of a line, whether they are words, and columns of a field: `(5E16.8)` is (5, false, 16).
 fn parse_format(text: &str) -> Option<(usize, bool, usize)> {
-    let inner = text.trim().strip_prefix('(')?.split(')').next()?;
+    // Groups may have parentheses of their own: (8(F9.5)).
+    let inner = text.trim().strip_prefix('(')?.replace(['(', ')', ' '], "");
     let kind = inner.find(|c: char| c.is_ascii_alphabetic())?;
     let digits = |text: &str| text.chars().take_while(char::is_ascii_digit).collect::<String>();
     let per_line = if kind == 0 { 1 } else { inner.get(..kind)?.trim().parse().ok()? };

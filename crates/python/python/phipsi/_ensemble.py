@@ -113,7 +113,7 @@ def _in_threads(function: Any, items: list[Any], missing: list[int], threads: in
     rest = iter(missing)
     failure: BaseException | None = None
     with ThreadPoolExecutor(count, thread_name_prefix="phipsi") as pool:
-        at_work = {pool.submit(_call, function, items[i]): i for i, _ in zip(rest, range(count))}
+        at_work = {pool.submit(_call, function, items[i]): i for _, i in zip(range(count), rest)}
         while at_work:
             done, _ = wait(at_work, return_when=FIRST_COMPLETED)
             for future in sorted(done, key=at_work.__getitem__):

@@ -106,7 +106,8 @@ def replica_exchange(
     Parameters
     ----------
     s : a System. temperatures_K : rising. rounds, steps : how many; steps of each round.
-    dt_fs, ensemble, friction_per_ps, fixman : as in ``TorsionModel.run``.
+    dt_fs, ensemble, friction_per_ps, fixman : as in ``TorsionModel.run``; trajectories of "hmc" are whole parts of ``steps``, of about
+        50 fs.
     positions, clusters, rigid, hinges : as in ``TorsionModel``.
     client, threads : as in ``phipsi.ensemble``.
     folder : where each round is kept; called again, it goes on behind the last one.
@@ -138,6 +139,10 @@ def replica_exchange(
         raise ArgumentError(message, argument="ensemble", found=ensemble, required='"langevin" or "hmc"')
     model = {"positions": positions, "clusters": clusters, "rigid": rigid, "hinges": hinges}
     run = {"steps": steps, "dt_fs": dt_fs, "ensemble": ensemble, "friction_per_ps": friction_per_ps, "fixman": fixman, "every": steps}
+    if ensemble == "hmc":
+        # Whole trajectories, of about 50 fs.
+        wanted = 50 / dt_fs if dt_fs > 0 else 1.0
+        run["trajectory_steps"] = min((d for d in range(1, steps + 1) if steps % d == 0), key=lambda d: abs(np.log(d / wanted)))
     segment = _Segment(s, model, run)
     kept = _ensemble._Folder(folder, replica_exchange, [pickle.dumps((segment, t_K, seed), protocol=4)]) if folder is not None else None
     n = len(t_K)

@@ -200,7 +200,7 @@ class TorsionDynamics(MolecularDynamics):
     >>> dynamics = phipsi.ase.TorsionDynamics(atoms, 2 * ase.units.fs, bonds=s.bonds, rigid="omega")
     >>> dynamics.draw_velocities(300, seed=1)
     >>> energy = atoms.get_total_energy()
-    >>> dynamics.run(100), dynamics.model.degrees_of_freedom, abs(atoms.get_total_energy() - energy) < 5e-3
+    >>> dynamics.run(100), dynamics.model.degrees_of_freedom, bool(abs(atoms.get_total_energy() - energy) < 5e-3)
     (True, 11, True)
     """
 
@@ -288,7 +288,7 @@ class TorsionDynamics(MolecularDynamics):
         >>> atoms = phipsi.ase.atoms(s)
         >>> dynamics = phipsi.ase.TorsionDynamics(atoms, 2 * ase.units.fs, bonds=s.bonds)
         >>> dynamics.draw_velocities(300, seed=1)
-        >>> 100 < atoms.get_temperature() < 600
+        >>> bool(100 < atoms.get_temperature() < 600)
         True
         """
         self._take_over()
