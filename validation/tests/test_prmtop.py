@@ -12,13 +12,12 @@ from openmm import app, unit
 
 import phipsi
 
-from .common import EXAMPLES, MOLECULE
+from .common import AMBER, MOLECULE
 
 System = phipsi.molecule.System
 
-FF14SB = EXAMPLES / "ala_dipeptide.prmtop"
+FF14SB, COORDINATES = AMBER
 FF19SB = Path(__file__).parents[1] / "data" / "prmtop" / "ala_dipeptide_ff19sb.prmtop"
-COORDINATES = EXAMPLES / "ala_dipeptide.inpcrd"
 
 
 def energies(prmtop: Path, **arguments):

@@ -87,7 +87,8 @@ pub struct TorsionModel {
     pub(crate) torsion: Arc<Torsion>,
     system: Py<System>,
     model: Py<Model>,
-    moving: Mutex<Moving>,
+    /// In a box: what it holds may be aligned, and Python's objects are not.
+    moving: Box<Mutex<Moving>>,
     callback: Callback,
     /// Calls that wait for the state: a mutex alone would let a run take it again and again.
     waiting: AtomicUsize,
@@ -257,7 +258,8 @@ impl TorsionModel {
             other => exception(py, "NumericalError", &other.to_string(), vec![]),
         };
         let method = method.map_err(|e| callback.raised.take().unwrap_or_else(|| describe(e)))?;
-        let moving = Mutex::new(Moving { forces, method, has_velocities: false, stale: false, bath: None });
+        let moving =
+            Box::new(Mutex::new(Moving { forces, method, has_velocities: false, stale: false, bath: None }));
         let (system, waiting, busy) = (s.clone().unbind(), AtomicUsize::new(0), AtomicBool::new(false));
         Ok(TorsionModel { loaded, torsion, system, model, moving, callback, waiting, busy })
     }

@@ -30,7 +30,7 @@ except ImportError as error:
 from ._native import System, TorsionModel
 from .errors import ArgumentError
 
-__all__ = ["Calculator", "RigidClusters", "TorsionDynamics", "atoms", "bonds_by_distance"]
+__all__ = ["Calculator", "TorsionDynamics", "atoms", "bonds_by_distance"]
 
 #: nm in Å.
 _LENGTH = 10.0
