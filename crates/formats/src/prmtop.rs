@@ -240,6 +240,10 @@ fn read(sections: &mut Sections<'_>, options: &PrmtopOptions) -> Option<Prmtop> 
 /// What a file may have that has no counterpart here.
 fn refuse(sections: &mut Sections<'_>, pointers: &Pointers) {
     let line = sections.line("POINTERS");
+    if let Some(k) = pointers.0.iter().position(|n| *n < 0) {
+        let found = format!("field {} is {}", k + 1, pointers.at(k));
+        sections.error(line, "POINTERS", found, "numbers that are not negative", "write the file anew");
+    }
     let refused = [
         (20, "a perturbation (IFPERT)", "write a file without it"),
         (29, "a cap of water (IFCAP)", "write a file without it"),

@@ -97,7 +97,7 @@ fn mistakes_name_their_section() {
         (with_pointer(29, 1), "cap of water"),
         (with_pointer(30, 4), "virtual sites"),
         (with_pointer(1, 9_999_999), "section `NONBONDED_PARM_INDEX`"),
-        (with_pointer(2, -5), "section `BONDS_"),
+        (with_pointer(2, -5), "section `POINTERS`: field 3 is -5"),
         (with("CHARGE", "  1.0"), "section `CHARGE`: 1 fields; 22"),
         (with("MASS", &"             inf".repeat(5)), "section `MASS`"),
         (with("RESIDUE_POINTER", "       1       7       7"), "do not rise"),

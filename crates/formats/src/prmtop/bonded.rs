@@ -11,6 +11,9 @@ pub(super) struct Pair14 {
     pub scnb: f64,
 }
 
+/// Atoms, which of them have a minus sign, and a type.
+type Entry<const N: usize> = ([usize; N], [bool; N], usize);
+
 /// Entries of atoms and a type: `terms` numbers a type, atoms as three times their index. Signs are kept.
 fn entries<const N: usize>(
     sections: &mut Sections<'_>,
@@ -18,7 +21,7 @@ fn entries<const N: usize>(
     counts: [usize; 2],
     types: usize,
     n: usize,
-) -> Option<Vec<([usize; N], [bool; N], usize)>> {
+) -> Option<Vec<Entry<N>>> {
     let mut found = Vec::new();
     for (name, count) in names.into_iter().zip(counts) {
         let numbers = sections.integers(name, Some(count * (N + 1)))?;

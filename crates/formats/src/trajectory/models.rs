@@ -23,11 +23,11 @@ impl ModelReader {
         for line in text.lines() {
             if line.starts_with("MODEL ") {
                 models.push(String::new());
-            } else if line.starts_with("ATOM") || line.starts_with("HETATM") || line.starts_with("TER") {
-                if let Some(model) = models.last_mut() {
-                    model.push_str(line);
-                    model.push('\n');
-                }
+            } else if ["ATOM", "HETATM", "TER"].iter().any(|record| line.starts_with(record))
+                && let Some(model) = models.last_mut()
+            {
+                model.push_str(line);
+                model.push('\n');
             }
         }
         models.retain(|model| !model.is_empty());
