@@ -15,6 +15,9 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 #: Alanine dipeptide: PDB and System.
 MOLECULE = (EXAMPLES / "ala_dipeptide.pdb", EXAMPLES / "ala_dipeptide.xml")
 
+#: The same molecule in AMBER's files: prmtop and inpcrd.
+AMBER = (EXAMPLES / "ala_dipeptide.prmtop", EXAMPLES / "ala_dipeptide.inpcrd")
+
 EPSILON = float(np.finfo(float).eps)
 
 _INERTIAL = (

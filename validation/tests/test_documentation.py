@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import phipsi
+import phipsi.ase
 
-from .common import ARM, MOLECULE
+from .common import AMBER, ARM, MOLECULE
 
 PACKAGE = Path(phipsi.__file__).parent
 
@@ -24,7 +25,7 @@ RETURNED = {"AssemblyInfo", "ForwardInfo", "Note", "Operator", "Operators", "Pro
 def public_objects():
     """(dotted name, object) of every public class, function, method and property."""
     found = []
-    places = [("phipsi", phipsi), ("phipsi.interop", phipsi.interop), ("phipsi.errors", phipsi.errors), ("phipsi.molecule", phipsi.molecule)]
+    places = [("phipsi", phipsi), ("phipsi.interop", phipsi.interop), ("phipsi.errors", phipsi.errors), ("phipsi.molecule", phipsi.molecule), ("phipsi.ase", phipsi.ase)]
     for prefix, module in places:
         for name in module.__all__:
             thing = getattr(module, name)
@@ -32,8 +33,9 @@ def public_objects():
                 continue
             found.append((f"{prefix}.{name}", thing))
             if inspect.isclass(thing) and not issubclass(thing, (tuple, Exception)):
-                for member in dir(thing):
-                    if not member.startswith("_"):
+                # Members of ASE's classes are documented there.
+                for member in vars(thing) if module is phipsi.ase else dir(thing):
+                    if not member.startswith("_") and not isinstance(getattr(thing, member), (list, dict)):
                         found.append((f"{prefix}.{name}.{member}", getattr(thing, member)))
     return found
 
@@ -60,7 +62,7 @@ def test_docstring(name):
 
 
 #: Modules whose docstrings have examples.
-MODULES = {"phipsi": phipsi, "phipsi.interop": phipsi.interop, "phipsi.molecule": phipsi.molecule}
+MODULES = {"phipsi": phipsi, "phipsi.interop": phipsi.interop, "phipsi.molecule": phipsi.molecule, "phipsi.ase": phipsi.ase}
 
 
 def example_names():
@@ -70,7 +72,7 @@ def example_names():
 
 @pytest.mark.parametrize("name", example_names())
 def test_example(name, tmp_path, monkeypatch):
-    for file in (ARM, *MOLECULE):
+    for file in (ARM, *MOLECULE, *AMBER):
         shutil.copy(file, tmp_path / file.name)
     monkeypatch.chdir(tmp_path)
     thing = OBJECTS.get(name) or MODULES[name]

@@ -63,11 +63,13 @@ enum Command {
     #[command(after_help = "Examples:\n  phipsi report examples/satellite_arm.toml\n  \
                             phipsi report arm.toml --set integrator.t_end=5 --budget 20 --out reports/arm")]
     Report(report::Options),
-    /// Turn a URDF file, or a PDB file with its OpenMM System, into a scene
+    /// Turn a URDF file, or a PDB file with its OpenMM System, into a scene; a trajectory into DCD, XTC or PDB
     #[command(after_help = "Examples:\n  phipsi convert arm.urdf arm.toml\n  \
-                            phipsi convert protein.pdb protein.xml protein.toml")]
+                            phipsi convert protein.pdb protein.xml protein.toml\n  \
+                            phipsi convert run.dcd run.xtc\n  \
+                            phipsi convert run.xtc protein.pdb run.pdb    (names of the atoms from protein.pdb)")]
     Convert {
-        /// The inputs, then the scene to write, which must not exist
+        /// The inputs, then the scene or trajectory to write, which must not exist
         #[arg(required = true, num_args = 2..=3, value_name = "FILE")]
         files: Vec<PathBuf>,
     },

@@ -14,6 +14,7 @@ const LENGTH: u64 = 10_000;
 /// Shows a run to people.
 pub struct Progress {
     quiet: bool,
+    is_molecule: bool,
     begun: Instant,
     looked: Instant,
     bar: Option<ProgressBar>,
@@ -21,10 +22,10 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Silent if `quiet`.
-    pub fn new(quiet: bool) -> Self {
+    /// Silent if `quiet`; of a molecule times are in ps, and ns a day are shown.
+    pub fn new(quiet: bool, is_molecule: bool) -> Self {
         let now = Instant::now();
-        Progress { quiet, begun: now, looked: now, bar: None, first: None }
+        Progress { quiet, is_molecule, begun: now, looked: now, bar: None, first: None }
     }
     /// Takes the bar away.
     pub fn finish(&mut self) {
@@ -56,8 +57,9 @@ impl Watcher for Progress {
             return;
         }
         let done = ((t - first) / (t_end - first)).clamp(0.0, 1.0);
+        let rate = self.is_molecule.then(|| (t - first) / self.begun.elapsed().as_secs_f64());
         let bar = self.bar();
-        bar.set_message(format!("t = {t:.4} of {t_end} s"));
+        bar.set_message(message(t, t_end, rate));
         bar.set_position((done * LENGTH as f64) as u64);
     }
     fn estimating(&mut self) {
@@ -77,5 +79,24 @@ impl Watcher for Progress {
     }
     fn stop(&self) -> bool {
         interrupt::asked()
+    }
+}
+
+/// The line of the bar; `rate`: of a molecule, in ps a second.
+fn message(t: f64, t_end: f64, rate: Option<f64>) -> String {
+    match rate {
+        Some(rate) => format!("t = {t:.4} of {t_end} ps, {:.3} ns a day", 86.4 * rate),
+        None => format!("t = {t:.4} of {t_end} s"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::message;
+
+    #[test]
+    fn a_picosecond_a_second_is_86_nanoseconds_a_day() {
+        assert_eq!(message(1.0, 20.0, Some(1.0)), "t = 1.0000 of 20 ps, 86.400 ns a day");
+        assert_eq!(message(0.5, 2.0, None), "t = 0.5000 of 2 s");
     }
 }

@@ -35,7 +35,7 @@ pub fn run(options: &Options, common: &Common) -> Ending {
         Err(e) => return fail(&e.to_string(), common),
     };
     let path = folder.path().to_path_buf();
-    let mut progress = Progress::new(common.quiet);
+    let mut progress = Progress::new(common.quiet, folder.has_molecule());
     let outcome = folder.run(&mut progress);
     progress.finish();
     match outcome {

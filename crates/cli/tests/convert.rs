@@ -30,3 +30,23 @@ fn a_scene_of_a_robot_and_one_of_a_molecule_run() {
         assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     }
 }
+
+#[test]
+fn trajectories_are_converted() {
+    use phipsi::formats::xtc::XtcWriter;
+    let scratch = tempfile::tempdir().unwrap();
+    let [xtc, dcd, pdb] = ["a.xtc", "b.dcd", "c.pdb"].map(|name| scratch.path().join(name));
+    let positions: Vec<[f64; 3]> = (0..22).map(|i| [0.1 * f64::from(i), 0.2, -0.3]).collect();
+    let mut writer = XtcWriter::create(&xtc, 22).unwrap();
+    (0..3).for_each(|k| writer.write(10 * k, 0.02 * f64::from(k), &positions).unwrap());
+    let made = phipsi(&[Path::new("convert"), &xtc, &dcd, Path::new("--json")]);
+    let said: serde_json::Value = serde_json::from_slice(&made.stdout).unwrap();
+    assert_eq!((said["frames"].as_u64(), said["atoms"].as_u64()), (Some(3), Some(22)));
+    let refused = phipsi(&[Path::new("convert"), &dcd, &pdb]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("a PDB file with the names"));
+    let made = phipsi(&[Path::new("convert"), &dcd, &example("ala_dipeptide.pdb"), &pdb]);
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let text = std::fs::read_to_string(&pdb).unwrap();
+    assert_eq!((text.matches("MODEL ").count(), text.matches(" CA  ALA").count()), (3, 3));
+}

@@ -11,9 +11,9 @@
 //! A frame is written first and counted in the header after, in one write: a run that is killed leaves a file that is
 //! right, and [`DcdWriter::append`] cuts off what was not counted.
 
-use std::fmt;
+use crate::trajectory::{Frame, TrajectoryError, cannot};
 use std::fs::{File, OpenOptions};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// The unit of time, ps: √(Da Å² mol/kcal), as other programs round it.
@@ -21,6 +21,8 @@ const TIME_UNIT: f64 = 0.04888821;
 const HEADER: usize = 276;
 /// Most atoms: the length of a record is an i32.
 const MOST_ATOMS: usize = (i32::MAX as usize) / 4;
+/// Most bytes of titles that are read.
+const LONGEST_TITLES: usize = 1 << 20;
 
 /// When the frames of a trajectory are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,34 +63,16 @@ pub struct DcdWriter {
     buffer: Vec<u8>,
 }
 
-/// Why a trajectory cannot be written.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct DcdError {
-    /// The file.
-    pub path: PathBuf,
-    /// What was found.
-    pub found: String,
-    /// What is required.
-    pub required: String,
-    /// What to do.
-    pub remedy: String,
-}
-
-impl fmt::Display for DcdError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let DcdError { path, found, required, remedy } = self;
-        write!(f, "{}: {found}; required: {required}; {remedy}", path.display())
-    }
-}
-
-impl std::error::Error for DcdError {}
-
 impl DcdWriter {
     /// Starts a trajectory; a file of this name is replaced.
     ///
     /// # Errors
-    /// [`DcdError`] where the file cannot be written, and for numbers that its header cannot hold.
-    pub fn create(path: impl AsRef<Path>, atoms: usize, timing: DcdTiming) -> Result<DcdWriter, DcdError> {
+    /// [`TrajectoryError`] where the file cannot be written, and for numbers that its header cannot hold.
+    pub fn create(
+        path: impl AsRef<Path>,
+        atoms: usize,
+        timing: DcdTiming,
+    ) -> Result<DcdWriter, TrajectoryError> {
         let path = path.as_ref();
         check_atoms(path, atoms)?;
         let DcdTiming { first_step, interval, dt_ps } = timing;
@@ -119,8 +103,8 @@ impl DcdWriter {
     /// Goes on with a trajectory that this writer or OpenMM's began, behind its last complete frame.
     ///
     /// # Errors
-    /// [`DcdError`] where the file cannot be read and written, is no such trajectory, or is of other atoms.
-    pub fn append(path: impl AsRef<Path>, atoms: usize) -> Result<DcdWriter, DcdError> {
+    /// [`TrajectoryError`] where the file cannot be read and written, is no such trajectory, or is of other atoms.
+    pub fn append(path: impl AsRef<Path>, atoms: usize) -> Result<DcdWriter, TrajectoryError> {
         let path = path.as_ref();
         check_atoms(path, atoms)?;
         let mut file = OpenOptions::new().read(true).write(true).open(path).map_err(|e| cannot(path, e))?;
@@ -168,9 +152,9 @@ impl DcdWriter {
     /// Adds a frame; positions in nm.
     ///
     /// # Errors
-    /// [`DcdError`] for another number of atoms, for positions that are not finite in f32, and where the file cannot be
+    /// [`TrajectoryError`] for another number of atoms, for positions that are not finite in f32, and where the file cannot be
     /// written. The file then has the frames before.
-    pub fn write(&mut self, positions: &[[f64; 3]]) -> Result<(), DcdError> {
+    pub fn write(&mut self, positions: &[[f64; 3]]) -> Result<(), TrajectoryError> {
         if positions.len() != self.atoms {
             let found = format!("positions of {} atoms", positions.len());
             return Err(error(&self.path, found, &format!("{} atoms", self.atoms), "give all positions"));
@@ -219,7 +203,7 @@ fn frame_size(atoms: usize) -> u64 {
     3 * (8 + 4 * atoms as u64)
 }
 
-fn check_atoms(path: &Path, atoms: usize) -> Result<(), DcdError> {
+fn check_atoms(path: &Path, atoms: usize) -> Result<(), TrajectoryError> {
     if (1..=MOST_ATOMS).contains(&atoms) {
         return Ok(());
     }
@@ -227,15 +211,118 @@ fn check_atoms(path: &Path, atoms: usize) -> Result<(), DcdError> {
     Err(error(path, format!("{atoms} atoms"), &required, "write fewer atoms"))
 }
 
-fn error(path: &Path, found: String, required: &str, remedy: &str) -> DcdError {
-    DcdError { path: path.into(), found, required: required.into(), remedy: remedy.into() }
+fn error(path: &Path, found: String, required: &str, remedy: &str) -> TrajectoryError {
+    TrajectoryError::new(path, found, required, remedy)
 }
 
-fn cannot(path: &Path, e: std::io::Error) -> DcdError {
-    error(
-        path,
-        e.to_string(),
-        "a file that can be written",
-        "check the path, its permissions and the space left",
-    )
+/// Reads a trajectory frame by frame: little-endian, with or without unit cell, any number of titles.
+#[derive(Debug)]
+pub struct DcdReader {
+    file: BufReader<File>,
+    path: PathBuf,
+    atoms: usize,
+    timing: DcdTiming,
+    has_cell: bool,
+    frames: usize,
+}
+
+impl DcdReader {
+    /// Opens a trajectory.
+    ///
+    /// # Errors
+    /// [`TrajectoryError`] where the file cannot be read, is no such trajectory, or keeps some atoms fixed.
+    pub fn open(path: impl AsRef<Path>) -> Result<DcdReader, TrajectoryError> {
+        let path = path.as_ref();
+        let file = File::open(path).map_err(|e| cannot(path, e))?;
+        let timing = DcdTiming { first_step: 0, interval: 1, dt_ps: 1.0 };
+        let mut reader = DcdReader {
+            file: BufReader::new(file),
+            path: path.into(),
+            atoms: 0,
+            timing,
+            has_cell: false,
+            frames: 0,
+        };
+        let header =
+            reader.record(84, 84)?.ok_or_else(|| reader.wrong("a file that ends in its header".into()))?;
+        let number =
+            |at: usize| i32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
+        if number(0) != i32::from_le_bytes(*b"CORD") {
+            return Err(reader.wrong(format!("{} in place of CORD", number(0))));
+        }
+        if number(36) != 0 {
+            return Err(reader.wrong(format!("{} fixed atoms", number(36))));
+        }
+        reader.timing.first_step = number(8).max(0);
+        reader.timing.interval = number(12).max(1);
+        let dt = f64::from(f32::from_bits(number(40).cast_unsigned())) * TIME_UNIT;
+        if dt > 0.0 && dt.is_finite() {
+            reader.timing.dt_ps = dt;
+        }
+        reader.has_cell = number(44) == 1;
+        let titles = reader.record(4, LONGEST_TITLES)?;
+        let atoms = reader.record(4, 4)?.filter(|_| titles.is_some());
+        let atoms = atoms.map(|b| i32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+        match atoms.and_then(|n| usize::try_from(n).ok()).filter(|n| (1..=MOST_ATOMS).contains(n)) {
+            Some(atoms) => reader.atoms = atoms,
+            None => return Err(reader.wrong(format!("{} atoms", atoms.unwrap_or(0)))),
+        }
+        Ok(reader)
+    }
+    /// The next frame; `None` at the end, also where the last frame is not complete.
+    ///
+    /// # Errors
+    /// [`TrajectoryError`] for what is no DCD frame.
+    pub fn next_frame(&mut self) -> Result<Option<Frame>, TrajectoryError> {
+        if self.has_cell && self.record(48, 48)?.is_none() {
+            return Ok(None);
+        }
+        let size = 4 * self.atoms;
+        let mut positions = vec![[0.0; 3]; if self.frames == 0 { 0 } else { self.atoms }];
+        for axis in 0..3 {
+            let Some(bytes) = self.record(size, size)? else { return Ok(None) };
+            positions.resize(self.atoms, [0.0; 3]);
+            for (x, b) in positions.iter_mut().zip(bytes.chunks_exact(4)) {
+                x[axis] = f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])) / 10.0;
+            }
+        }
+        let step = i64::from(self.timing.first_step) + i64::from(self.timing.interval) * self.frames as i64;
+        let time_ps = Some(step as f64 * self.timing.dt_ps);
+        self.frames += 1;
+        Ok(Some(Frame { step: i32::try_from(step).unwrap_or(i32::MAX), time_ps, positions }))
+    }
+    /// The bytes of a record of a length in these bounds; `None` where the file ends before.
+    fn record(&mut self, least: usize, most: usize) -> Result<Option<Vec<u8>>, TrajectoryError> {
+        let mut mark = [0; 4];
+        if !self.fill(&mut mark)? {
+            return Ok(None);
+        }
+        let length = i32::from_le_bytes(mark);
+        let Some(size) = usize::try_from(length).ok().filter(|size| (least..=most).contains(size)) else {
+            return Err(self.wrong(format!("a record of {length} bytes in place of {least}")));
+        };
+        let mut bytes = Vec::new();
+        let read =
+            (&mut self.file).take(size as u64).read_to_end(&mut bytes).map_err(|e| cannot(&self.path, e))?;
+        if read < size || !self.fill(&mut mark)? {
+            return Ok(None);
+        }
+        if i32::from_le_bytes(mark) != length {
+            let after = i32::from_le_bytes(mark);
+            return Err(self.wrong(format!("a record with {length} before and {after} behind it")));
+        }
+        Ok(Some(bytes))
+    }
+    /// Fills a buffer; false where the file ends before.
+    fn fill(&mut self, buffer: &mut [u8]) -> Result<bool, TrajectoryError> {
+        match self.file.read_exact(buffer) {
+            Ok(()) => Ok(true),
+            Err(e) if e.kind() == ErrorKind::UnexpectedEof => Ok(false),
+            Err(e) => Err(cannot(&self.path, e)),
+        }
+    }
+    fn wrong(&self, found: String) -> TrajectoryError {
+        let required = "a little-endian DCD file in which all atoms move";
+        error(&self.path, found, required, "write it anew, with mdtraj for example")
+    }
 }

@@ -1,4 +1,4 @@
-//! Readers of files: robots in URDF, systems of OpenMM, and the algebraic expressions that scenes and force fields
+//! Readers of files: robots in URDF, systems of OpenMM and AMBER, trajectories, and the algebraic expressions that scenes and force fields
 //! contain.
 //!
 //! A reader turns text into a value and a [`Report`]: what was used, what was approximated, what was ignored, and every
@@ -25,11 +25,14 @@ pub mod expression;
 mod file;
 mod joint_kind;
 pub mod pdb;
+pub mod prmtop;
 pub mod report;
 mod suggest;
 pub mod system;
+pub mod trajectory;
 pub mod urdf;
 mod xml;
+pub mod xtc;
 
 pub use expression::{Expression, ExpressionError};
 pub use joint_kind::{JointKindError, is_extension, joint_kind};

@@ -16,6 +16,8 @@ mod atom;
 mod element;
 mod number;
 
+pub(crate) use element::symbol_of_number;
+
 pub use element::atomic_number;
 
 use crate::file::read_text;

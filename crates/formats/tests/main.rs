@@ -4,5 +4,7 @@ mod dcd;
 mod expression;
 mod mutation;
 mod pdb;
+mod prmtop;
 mod system;
 mod urdf;
+mod xtc;

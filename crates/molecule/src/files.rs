@@ -4,8 +4,9 @@ use crate::assembly::assemble;
 use crate::atoms::{Atoms, MoleculeError};
 use crate::potential::PotentialError;
 use phipsi_formats::pdb::{Pdb, read_pdb_file};
+use phipsi_formats::prmtop::Prmtop;
 use phipsi_formats::system::{System, SystemOptions, read_system_file};
-use phipsi_formats::{Note, Problem, Report};
+use phipsi_formats::{Loaded, Note, Problem, Report};
 use phipsi_spatial::Vec3;
 use std::path::Path;
 
@@ -51,7 +52,14 @@ pub fn read_molecule(
     system: impl AsRef<Path>,
     options: &SystemOptions,
 ) -> LoadedMolecule {
-    let (pdb, mut system) = (read_pdb_file(pdb), read_system_file(system, options));
+    join(read_pdb_file(pdb), read_system_file(system, options), options)
+}
+
+/// A PDB file and a System that have been read.
+///
+/// # Errors
+/// As [`read_molecule`].
+pub fn join(pdb: Loaded<Pdb>, mut system: Loaded<System>, options: &SystemOptions) -> LoadedMolecule {
     for name in &options.ignore {
         let place = format!("force `{name}`");
         let is = |note: &Note| note.place == place || note.what.split(',').next() == Some(name);
@@ -69,6 +77,24 @@ pub fn read_molecule(
         (Some(atoms), Some(value)) => Molecule::load(&atoms, value, [pdb.report, system.report]),
         _ => LoadedMolecule { value: None, reports: [pdb.report, system.report] },
     }
+}
+
+/// A prmtop file that has been read, and positions of so many atoms. The reports: on the positions, on the prmtop file.
+///
+/// # Errors
+/// In the reports: those of the readers.
+pub fn join_amber(
+    prmtop: Loaded<Prmtop>,
+    positions: impl FnOnce(usize) -> Loaded<Vec<[f64; 3]>>,
+) -> LoadedMolecule {
+    let Some(Prmtop { mut atoms, system }) = prmtop.value else {
+        return LoadedMolecule { value: None, reports: [Report::new("coordinates"), prmtop.report] };
+    };
+    let positions = positions(atoms.atoms.len());
+    let reports = [positions.report, prmtop.report];
+    let Some(positions) = positions.value else { return LoadedMolecule { value: None, reports } };
+    atoms.atoms.iter_mut().zip(positions).for_each(|(atom, position)| atom.position = position);
+    Molecule::load(&atoms, system, reports)
 }
 
 impl Molecule {

@@ -36,7 +36,7 @@ pub use clusters::{Clustering, Clusters, HingeBond, Hinges, LockedHinge};
 pub use constraints::satisfied_constraints;
 pub use deviates::{Deviates, DeviatesState};
 pub use ensemble::Ensemble;
-pub use files::{LoadedMolecule, Molecule, read_molecule};
+pub use files::{LoadedMolecule, Molecule, join, join_amber, read_molecule};
 pub use fixman::{Distribution, FixmanForce, FixmanPotential, WithFixman};
 pub use force_field::{ForceField, ForceFieldError, LeftOut, RigidGroups};
 pub use hybrid_monte_carlo::Trials;

@@ -6,16 +6,18 @@
 //! | `model`, `dynamics`, `derivatives`, `hybrid`, `freeflight`, `kinematics`, `jacobians`, `velocities` | methods of the class `Model` |
 //! | `operators` | `phipsi.operators`: the classes `Operators` and `Operator` |
 //! | `closure` | methods of the class `Model` about loops |
-//! | `molecule` | methods of the class `System`: energies and forces of molecules |
+//! | `molecule`, `source` | the class `System`: energies and forces of molecules |
 //! | `torsion_model`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
+//! | `engine` | the forces of a torsion model: its System's, or a function in Python |
 //! | `simulate`, `trajectory`, `simulator` | motion |
-//! | `errors`, `report` | exceptions with fields, reports of readers |
+//! | `errors`, `report`, `pickle` | exceptions with fields, reports of readers, results in other processes |
 
 mod batch;
 mod closure;
 mod clustering;
 mod derivatives;
 mod dynamics;
+mod engine;
 mod errors;
 mod freeflight;
 mod hybrid;
@@ -24,9 +26,11 @@ mod kinematics;
 mod model;
 mod molecule;
 mod operators;
+mod pickle;
 mod report;
 mod simulate;
 mod simulator;
+mod source;
 mod torsion_model;
 mod torsion_run;
 mod trajectory;
@@ -38,6 +42,8 @@ use pyo3::prelude::*;
 #[pymodule]
 fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    // What the last bits of results depend on.
+    m.add("__instruction_level__", phipsi::simulate::level::instruction_level())?;
     m.add_class::<model::Model>()?;
     m.add_class::<operators::Operators>()?;
     m.add_class::<operators::Operator>()?;

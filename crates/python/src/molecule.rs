@@ -1,12 +1,15 @@
 //! The class `System`: molecules from files, energies and forces of their force field.
 
 use crate::batch::{Argument, Batch, array};
-use crate::errors::{Failure, Field, check_file, choice_error, exception, load_error, potential_error};
+use crate::errors::{
+    Failure, Field, argument_error, check_file, choice_error, exception, load_error, potential_error,
+};
 use crate::report::Report;
+use crate::source::{Source, TopologyAtom};
 use numpy::PyArrayDyn;
-use phipsi::formats::pdb::{Pdb, PdbAtom};
-use phipsi::formats::system::{SystemOptions, read_system};
-use phipsi::molecule::{ForceField, LoadedMolecule, Molecule, Potential, read_molecule};
+use phipsi::formats::prmtop::{PrmtopOptions, read_inpcrd_file, read_prmtop_file};
+use phipsi::formats::system::SystemOptions;
+use phipsi::molecule::{ForceField, LoadedMolecule, Molecule, Potential, join_amber, read_molecule};
 use phipsi::spatial::Vec3;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -42,6 +45,8 @@ pub struct Loaded {
 pub struct System {
     loaded: Arc<Loaded>,
     report: Py<Report>,
+    source: Source,
+    strict: bool,
 }
 
 impl System {
@@ -50,7 +55,7 @@ impl System {
         self.loaded.clone()
     }
 
-    fn new(py: Python<'_>, loaded: LoadedMolecule, strict: bool) -> PyResult<Self> {
+    fn new(py: Python<'_>, loaded: LoadedMolecule, source: Source, strict: bool) -> PyResult<Self> {
         let (molecule, reports) = match loaded.into_result(strict) {
             Ok(loaded) => loaded,
             Err(reports) => return Err(load_error(py, Report::joined(&reports[..]))),
@@ -66,12 +71,32 @@ impl System {
         // The sum has the key "total"; a force may have this name too.
         let key = |name: &String| if name == TOTAL { format!("{TOTAL}#2") } else { name.clone() };
         let keys = field.terms().iter().map(key).collect();
-        Ok(System { loaded: Arc::new(Loaded { molecule, field, keys }), report: Py::new(py, report)? })
+        let loaded = Arc::new(Loaded { molecule, field, keys });
+        Ok(System { loaded, report: Py::new(py, report)?, source, strict })
     }
 }
 
+impl System {
+    /// Loads a source.
+    fn made(py: Python<'_>, source: Source, strict: bool) -> PyResult<Self> {
+        let Some(loaded) = py.detach(|| source.load()) else {
+            return Err(exception(py, "ArgumentError", "these tables are not those of a System", vec![]));
+        };
+        Self::new(py, loaded, source, strict)
+    }
+}
+
+/// Names and texts of files that could be read.
+fn texts(loaded: &LoadedMolecule, files: [&PathBuf; 2]) -> Vec<(String, String)> {
+    let text = |path: &PathBuf| {
+        let text = std::fs::read_to_string(path).unwrap_or_default();
+        (path.display().to_string(), text)
+    };
+    if loaded.value.is_some() { files.map(text).into() } else { Vec::new() }
+}
+
 /// Key of the sum of all energies.
-const TOTAL: &str = "total";
+pub const TOTAL: &str = "total";
 
 impl Loaded {
     /// Positions of the argument `name`, or those of the file.
@@ -159,9 +184,6 @@ pub fn rows<'py>(py: Python<'py>, vectors: &[Vec3<f64>]) -> PyResult<Bound<'py, 
     array(py, vectors.iter().flat_map(|v| v.0).collect(), vec![vectors.len(), 3])
 }
 
-/// An atom of another program's topology: name, residue name, chain, residue number, element; the residue counted from 0.
-type TopologyAtom = (String, String, String, i64, usize, String);
-
 #[pymethods]
 impl System {
     /// Reads a PDB file and the System of the same atoms, as OpenMM's XmlSerializer writes it.
@@ -195,7 +217,13 @@ impl System {
         check_file(&pdb)?;
         check_file(&system_xml)?;
         let options = SystemOptions { ignore: ignore.unwrap_or_default() };
-        Self::new(py, py.detach(|| read_molecule(&pdb, &system_xml, &options)), strict)
+        let (loaded, texts) = py.detach(|| {
+            let loaded = read_molecule(&pdb, &system_xml, &options);
+            let texts = texts(&loaded, [&pdb, &system_xml]);
+            (loaded, texts)
+        });
+        let source = Source { kind: "files".into(), texts, ignore: options.ignore, ..Source::default() };
+        Self::new(py, loaded, source, strict)
     }
     /// Takes over a topology, a System and positions of OpenMM.
     ///
@@ -232,17 +260,119 @@ impl System {
         let describe = |i: usize| format!("atom {}", i / 3);
         let positions = Argument::read(&positions, "positions", &[atoms.len(), 3], meaning, &describe)?;
         crate::simulator::check_single(py, &positions)?;
-        let pdb = table(atoms, bonds, positions.at(0));
-        let options = SystemOptions { ignore: ignore.unwrap_or_default() };
-        let loaded = py.detach(|| {
-            let system = read_system(&text, "System", &options);
-            let reports = [phipsi::formats::Report::new("Topology"), system.report];
-            match system.value {
-                Some(value) => Molecule::load(&pdb, value, reports),
-                None => LoadedMolecule { value: None, reports },
+        let source = Source {
+            kind: "openmm".into(),
+            texts: vec![("System".into(), text)],
+            atoms,
+            bonds,
+            positions: positions.at(0).to_vec(),
+            ignore: ignore.unwrap_or_default(),
+            ..Source::default()
+        };
+        Self::made(py, source, strict)
+    }
+    /// Reads a topology and coordinates of AMBER: a prmtop file, and an inpcrd or rst7 file in text.
+    ///
+    /// The forces are named as those that OpenMM makes of the file; without cutoff and constraints. Files have eight digits.
+    ///
+    /// Parameters
+    /// ----------
+    /// prmtop, inpcrd : the files. Terms of its own of a pair of types, virtual sites, 12-6-4 and CHARMM's terms are refused.
+    /// implicit_solvent : None or "obc2": GBSAOBCForce with the radii of the file and a surface energy.
+    /// solvent_dielectric, solute_dielectric : of the implicit solvent.
+    /// strict : True refuses warnings too.
+    ///
+    /// Raises
+    /// ------
+    /// OSError if a file cannot be opened; ModelError, with the report, if one cannot be used; ArgumentError.
+    ///
+    /// Example
+    /// -------
+    /// >>> s = phipsi.molecule.System.from_prmtop("ala_dipeptide.prmtop", "ala_dipeptide.inpcrd")
+    /// >>> s
+    /// <phipsi.molecule.System: 22 atoms, 4 terms>
+    #[staticmethod]
+    #[pyo3(signature = (prmtop, inpcrd, implicit_solvent = None, solvent_dielectric = 78.5, solute_dielectric = 1.0,
+        strict = false))]
+    fn from_prmtop(
+        py: Python<'_>,
+        prmtop: PathBuf,
+        inpcrd: PathBuf,
+        implicit_solvent: Option<&str>,
+        solvent_dielectric: f64,
+        solute_dielectric: f64,
+        strict: bool,
+    ) -> PyResult<Self> {
+        check_file(&prmtop)?;
+        check_file(&inpcrd)?;
+        let obc2 = match implicit_solvent {
+            None => None,
+            Some("obc2") => Some([solvent_dielectric, solute_dielectric]),
+            Some(other) => return Err(choice_error(py, "implicit_solvent", other, &["obc2"])),
+        };
+        for (name, x) in
+            [("solvent_dielectric", solvent_dielectric), ("solute_dielectric", solute_dielectric)]
+        {
+            if !(x > 0.0 && x.is_finite()) {
+                let required = "a positive finite number";
+                let message = format!("`{name}` is {x}, but {required} is required");
+                return Err(argument_error(py, name, Field::Number(x), required.into(), &message, None));
             }
+        }
+        let (loaded, texts) = py.detach(|| {
+            let read = read_prmtop_file(&prmtop, &PrmtopOptions { obc2 });
+            let loaded = join_amber(read, |n| read_inpcrd_file(&inpcrd, n));
+            let texts = texts(&loaded, [&prmtop, &inpcrd]);
+            (loaded, texts)
         });
-        Self::new(py, loaded, strict)
+        let numbers = obc2.map(Vec::from).unwrap_or_default();
+        let source = Source { kind: "amber".into(), texts, numbers, ..Source::default() };
+        Self::new(py, loaded, source, strict)
+    }
+    /// Atoms and bonds without a force field.
+    #[staticmethod]
+    fn _from_atoms(
+        py: Python<'_>,
+        masses: Vec<f64>,
+        atoms: Vec<TopologyAtom>,
+        bonds: Vec<[usize; 2]>,
+        positions: &Bound<'_, PyAny>,
+    ) -> PyResult<Self> {
+        let describe = |i: usize| format!("atom {}", i / 3);
+        let positions = Argument::read(
+            positions,
+            "positions",
+            &[atoms.len(), 3],
+            "x, y, z of every atom, nm",
+            &describe,
+        )?;
+        crate::simulator::check_single(py, &positions)?;
+        let positions = positions.at(0).to_vec();
+        let source =
+            Source { kind: "atoms".into(), numbers: masses, atoms, bonds, positions, ..Source::default() };
+        Self::made(py, source, false)
+    }
+    /// The System again, in another process.
+    #[staticmethod]
+    #[allow(clippy::too_many_arguments)]
+    fn _restore(
+        py: Python<'_>,
+        kind: String,
+        texts: Vec<(String, String)>,
+        numbers: Vec<f64>,
+        atoms: Vec<TopologyAtom>,
+        bonds: Vec<[usize; 2]>,
+        positions: Vec<f64>,
+        ignore: Vec<String>,
+        strict: bool,
+    ) -> PyResult<Self> {
+        Self::made(py, Source { kind, texts, numbers, atoms, bonds, positions, ignore }, strict)
+    }
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        let Source { kind, texts, numbers, atoms, bonds, positions, ignore } = self.source.clone();
+        let arguments =
+            (kind, texts, numbers, atoms, bonds, positions, ignore, self.strict).into_pyobject(py)?;
+        Ok((py.get_type::<System>().getattr("_restore")?, arguments.into_any()))
     }
     /// What the readers used, approximated and ignored of both files: a Report.
     #[getter]
@@ -259,6 +389,11 @@ impl System {
     fn atom_names(&self) -> Vec<String> {
         let atoms = &self.loaded.molecule.atoms;
         (0..atoms.len()).map(|i| atoms.label(i)).collect()
+    }
+    /// Atomic numbers; 0 of a particle that is no atom.
+    #[getter]
+    fn atomic_numbers(&self) -> Vec<usize> {
+        self.loaded.molecule.atoms.elements.iter().map(|z| usize::from(*z)).collect()
     }
     /// Masses, Da: (n_atoms,).
     #[getter]
@@ -373,30 +508,29 @@ impl System {
         };
         self.loaded.evaluate(py, positions, term, 3 * n, keep, |batch, out| batch.array(py, out, &[n, 3]))
     }
+    /// Total energy and forces on the atoms in one evaluation: ((…), (…, n_atoms, 3)).
+    #[pyo3(signature = (positions = None))]
+    fn _energy_and_forces<'py>(
+        &self,
+        py: Python<'py>,
+        positions: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        let n = self.loaded.molecule.atoms.len();
+        let size = 3 * n + 1;
+        let keep = |energies: &[f64], forces: &[Vec3<f64>], out: &mut [f64]| {
+            out[0] = energies.iter().sum();
+            for (out, force) in out[1..].chunks_exact_mut(3).zip(forces) {
+                out.copy_from_slice(&force.0);
+            }
+        };
+        self.loaded.evaluate(py, positions, None, size, keep, |batch, out| {
+            let energies = out.iter().step_by(size).copied().collect();
+            let forces = out.chunks_exact(size).flat_map(|state| state[1..].iter().copied()).collect();
+            Ok((batch.array(py, energies, &[])?, batch.array(py, forces, &[n, 3])?))
+        })
+    }
     fn __repr__(&self) -> String {
         let (n, terms) = (self.loaded.molecule.atoms.len(), self.loaded.keys.len());
         format!("<phipsi.molecule.System: {n} atoms, {terms} terms>")
     }
-}
-
-/// Another program's topology as the table of a PDB.
-fn table(atoms: Vec<TopologyAtom>, bonds: Vec<[usize; 2]>, positions: &[f64]) -> Pdb {
-    let residues = atoms.last().map_or(0, |atom| atom.4 + 1);
-    let atom = |(i, atom): (usize, TopologyAtom)| {
-        let (name, residue_name, chain, residue_number, residue, element) = atom;
-        PdbAtom {
-            name,
-            residue_name,
-            chain,
-            residue_number,
-            insertion_code: ' ',
-            residue,
-            element,
-            position: [positions[3 * i], positions[3 * i + 1], positions[3 * i + 2]],
-            serial: None,
-            hetero: false,
-            line: 0,
-        }
-    };
-    Pdb { atoms: atoms.into_iter().enumerate().map(atom).collect(), bonds, residues }
 }

@@ -26,13 +26,16 @@ const LARGEST: f64 = 2.0 * (1u64 << 30) as f64;
 pub struct Raised(Arc<Mutex<Option<PyErr>>>);
 
 impl Raised {
-    fn set(&self, error: PyErr) {
+    /// Keeps an exception.
+    pub fn set(&self, error: PyErr) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
     }
-    fn is_set(&self) -> bool {
+    /// True if there is one.
+    pub fn is_set(&self) -> bool {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
     }
-    fn take(&self) -> Option<PyErr> {
+    /// The exception, which is then gone.
+    pub fn take(&self) -> Option<PyErr> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 }

@@ -65,7 +65,8 @@ pub struct Simulator {
     compiled: Arc<Compiled>,
     tau: Arc<Mutex<Vec<f64>>>,
     substeps: u32,
-    stepper: Mutex<Stepper>,
+    /// In a box: lanes are aligned, and Python's objects are not.
+    stepper: Box<Mutex<Stepper>>,
 }
 
 #[pymethods]
@@ -96,7 +97,7 @@ impl Simulator {
         }
         let dynamics = Dynamics::new(model, forces).map_err(|e| motion_error(py, &e))?;
         let integrator = integrator(&dynamics, t0, &q, &v);
-        let stepper = Mutex::new(Stepper { dynamics, integrator });
+        let stepper = Box::new(Mutex::new(Stepper { dynamics, integrator }));
         Ok(Simulator { compiled, tau, substeps, stepper })
     }
     /// Advances by ``dt`` seconds under generalized forces ``tau`` (nv,), held constant; None is no force.

@@ -2,15 +2,16 @@
 
 use crate::batch::{Batch, array};
 use crate::clustering::{clustering, molecule_error, report};
+use crate::engine::{Callback, Engine, TERM};
 use crate::errors::{Field, argument_error, dynamics_error, exception, potential_error};
 use crate::model::{Model, Names};
-use crate::molecule::{Loaded, System, rows, vectors};
+use crate::molecule::{Loaded, System, TOTAL, rows, vectors};
 use crate::simulator::check_single;
 use numpy::PyArrayDyn;
 use phipsi::molecule::torsion_model::TorsionModel as Torsion;
 use phipsi::molecule::{
-    Bath, Clusters, Deviates, Ensemble, ForceField, MinimizeOptions, MolecularError, MolecularForces,
-    draw_momenta, minimize, satisfied_constraints, strain,
+    Bath, Clusters, Deviates, Ensemble, MinimizeOptions, MolecularError, MolecularForces, draw_momenta,
+    minimize, satisfied_constraints, strain,
 };
 use phipsi::motion::{Midpoint, MidpointError};
 use phipsi::recursion::articulated_sweep::SolveWorkspace;
@@ -27,12 +28,14 @@ const OFF: f64 = 1e-3;
 
 /// What moves.
 pub struct Moving {
-    /// The force field on the clusters.
-    pub forces: MolecularForces<ForceField>,
+    /// The forces on the clusters.
+    pub forces: MolecularForces<Engine>,
     /// Configuration and momenta.
     pub method: Midpoint,
     /// Momenta were drawn or set; otherwise a run draws them.
     pub has_velocities: bool,
+    /// The forces that the method keeps are not those of the model alone: a run with Fixman's potential could not end.
+    pub stale: bool,
     /// The heat bath of the last run, which one with the same arguments goes on with.
     pub bath: Option<OwnBath>,
 }
@@ -59,6 +62,9 @@ pub struct OwnBath {
 /// rigid : kinds of bonds that stay rigid ("omega", "planar", "methyl", "backbone_phi", "backbone_psi", "chi"), and lists of
 ///     atoms that move as one body. Atoms are indices or names such as "ALA2:CA".
 /// hinges : the bonds that are hinges, pairs of atoms, in place of all rotatable ones.
+/// forces : what gives energy and forces in place of the System's terms: a function forces(positions) -> (energy, forces) of
+///     (n_atoms, 3), nm, in kJ/mol and kJ/mol/nm, or an openmm.Context of the same particles. Called once a step. What it raises
+///     comes out as it is; the model then has its last good state.
 ///
 /// Raises
 /// ------
@@ -72,13 +78,18 @@ pub struct OwnBath {
 /// <phipsi.molecule.TorsionModel: 22 atoms in 6 clusters, 11 degrees of freedom>
 /// >>> t.model.nv
 /// 11
+/// >>> u = phipsi.molecule.TorsionModel(s, forces=lambda x: (0.0, np.zeros_like(x)))
+/// >>> u.energy()
+/// {'forces': 0.0, 'total': 0.0}
 #[pyclass(frozen, module = "phipsi.molecule")]
 pub struct TorsionModel {
     pub(crate) loaded: Arc<Loaded>,
     pub(crate) torsion: Arc<Torsion>,
     system: Py<System>,
     model: Py<Model>,
-    moving: Mutex<Moving>,
+    /// In a box: what it holds may be aligned, and Python's objects are not.
+    moving: Box<Mutex<Moving>>,
+    callback: Callback,
     /// Calls that wait for the state: a mutex alone would let a run take it again and again.
     waiting: AtomicUsize,
     busy: AtomicBool,
@@ -119,8 +130,24 @@ impl TorsionModel {
         }
         Ok(Busy(&self.busy))
     }
+    /// The exception of the user's forces, if a call ended by it.
+    pub fn raised(&self) -> Option<PyErr> {
+        self.callback.raised.take()
+    }
+    /// Refuses to wait for the state inside the function that is called while it changes.
+    fn refuse_inside(&self, py: Python<'_>) -> PyResult<()> {
+        if !self.callback.is_inside() {
+            return Ok(());
+        }
+        let message = "the function `forces` asks the torsion model that calls it, whose state is not there meanwhile; it must \
+                       depend on its argument only";
+        Err(exception(py, "Error", message, vec![]))
+    }
     /// An error of forces on the clusters.
     pub fn molecular_error(&self, py: Python<'_>, error: &MolecularError) -> PyErr {
+        if let Some(raised) = self.raised() {
+            return raised;
+        }
         match error {
             MolecularError::Potential(e) => potential_error(py, e, &self.loaded.molecule.describe(e), None),
             MolecularError::Dynamics(e) => dynamics_error(py, e, None),
@@ -151,11 +178,13 @@ impl TorsionModel {
             let Moving { forces, method, .. } = &mut *moving;
             let next = Midpoint::new(self.torsion.model(), forces, method.state().t, q, v)?;
             (moving.method, moving.has_velocities, moving.bath) = (next, has_velocities, None);
+            moving.stale = false;
             Ok(())
         });
         placed.map_err(|e| self.step_error(py, &e))
     }
     fn q_and_v(&self, py: Python<'_>) -> PyResult<(Vec<f64>, Vec<f64>)> {
+        self.refuse_inside(py)?;
         let state = py.detach(|| {
             let mut moving = self.lock();
             let v = moving.method.velocity()?.to_vec();
@@ -189,7 +218,7 @@ impl Moving {
 #[pymethods]
 impl TorsionModel {
     #[new]
-    #[pyo3(signature = (s, positions = None, clusters = None, rigid = None, hinges = None))]
+    #[pyo3(signature = (s, positions = None, clusters = None, rigid = None, hinges = None, forces = None))]
     fn new(
         py: Python<'_>,
         s: &Bound<'_, System>,
@@ -197,6 +226,7 @@ impl TorsionModel {
         clusters: Option<&Bound<'_, PyAny>>,
         rigid: Option<&Bound<'_, PyAny>>,
         hinges: Option<&Bound<'_, PyAny>>,
+        forces: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let loaded = s.get().loaded();
         let positions = loaded.positions(py, positions, "positions")?;
@@ -214,7 +244,8 @@ impl TorsionModel {
         let (torsion, kept) = built.map_err(|e| molecule_error(py, &e))?;
         let torsion = Arc::new(torsion);
         let model = Py::new(py, Model::made(py, torsion.model().clone(), report(&torsion, kept))?)?;
-        let mut forces = MolecularForces::new(torsion.clone(), loaded.field.clone());
+        let (engine, callback) = Engine::new(py, &loaded, forces)?;
+        let mut forces = MolecularForces::new(torsion.clone(), engine);
         let method = py.detach(|| {
             let (q, v) = (torsion.model().neutral::<f64>(), vec![0.0; torsion.model().nv()]);
             Midpoint::new(torsion.model(), &mut forces, 0.0, &q, &v)
@@ -226,10 +257,11 @@ impl TorsionModel {
             MidpointError::Dynamics { cause, .. } => dynamics_error(py, &cause, None),
             other => exception(py, "NumericalError", &other.to_string(), vec![]),
         };
-        let method = method.map_err(describe)?;
-        let moving = Mutex::new(Moving { forces, method, has_velocities: false, bath: None });
+        let method = method.map_err(|e| callback.raised.take().unwrap_or_else(|| describe(e)))?;
+        let moving =
+            Box::new(Mutex::new(Moving { forces, method, has_velocities: false, stale: false, bath: None }));
         let (system, waiting, busy) = (s.clone().unbind(), AtomicUsize::new(0), AtomicBool::new(false));
-        Ok(TorsionModel { loaded, torsion, system, model, moving, waiting, busy })
+        Ok(TorsionModel { loaded, torsion, system, model, moving, callback, waiting, busy })
     }
     /// The System.
     #[getter]
@@ -261,13 +293,15 @@ impl TorsionModel {
     }
     /// Present time, ps.
     #[getter]
-    fn time_ps(&self, py: Python<'_>) -> f64 {
-        py.detach(|| self.lock().method.state().t)
+    fn time_ps(&self, py: Python<'_>) -> PyResult<f64> {
+        self.refuse_inside(py)?;
+        Ok(py.detach(|| self.lock().method.state().t))
     }
     /// Present configuration (nq,), as in ``model``: hinge angles are increments from the given positions. Settable; the
     /// velocities are then forgotten, and the next run draws them.
     #[getter]
     fn q<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        self.refuse_inside(py)?;
         let q = py.detach(|| self.lock().method.state().q.clone());
         let n = q.len();
         array(py, q, vec![n])
@@ -300,6 +334,7 @@ impl TorsionModel {
     /// then forgotten, and the next run draws them.
     #[getter]
     fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        self.refuse_inside(py)?;
         let x = py.detach(|| {
             let q = self.lock().method.state().q.clone();
             self.torsion.positions(&q)
@@ -374,7 +409,7 @@ impl TorsionModel {
         let drawn = py.detach(|| self.lock().draw(&self.torsion, temperature_K, seed));
         drawn.map_err(|e| dynamics_error(py, &e, None))
     }
-    /// Energy of every term and their sum at the present positions, kJ/mol; as ``System.energy``.
+    /// Energy of every term and their sum at the present positions, kJ/mol; as ``System.energy``, or that of ``forces``.
     ///
     /// Example
     /// -------
@@ -383,8 +418,24 @@ impl TorsionModel {
     /// >>> bool(np.isclose(t.energy()["total"], s.energy()["total"]))
     /// True
     fn energy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let positions = self.positions(py)?.into_any();
-        self.system.get().energy(py, Some(&positions))
+        self.refuse_inside(py)?;
+        let native = py.detach(|| {
+            let moving = self.lock();
+            matches!(moving.forces.potential(), Engine::Native(_))
+                .then_some(())
+                .ok_or(moving.method.state().potential)
+        });
+        match native {
+            Ok(()) => {
+                let positions = self.positions(py)?.into_any();
+                self.system.get().energy(py, Some(&positions))
+            }
+            Err(energy) => {
+                let energies = PyDict::new(py);
+                [TERM, TOTAL].iter().try_for_each(|key| energies.set_item(key, energy))?;
+                Ok(energies)
+            }
+        }
     }
     /// Positions of the atoms at configurations.
     ///
@@ -473,6 +524,10 @@ impl TorsionModel {
             minimize(&mut moving.forces, &q, &options)
         });
         let (minimum, strain) = found.map_err(|e| self.molecular_error(py, &e))?;
+        // A line search takes forces without a value for a step too far.
+        if let Some(raised) = self.raised() {
+            return Err(raised);
+        }
         self.place(py, &minimum.q, &vec![0.0; self.torsion.model().nv()], false)?;
         Ok(Minimum {
             energy: minimum.energy,

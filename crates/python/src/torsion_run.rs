@@ -1,10 +1,13 @@
 //! `TorsionModel.run`: dynamics in torsions, and its result.
 
 use crate::batch::array;
+use crate::engine::Engine;
 use crate::errors::{Field, argument_error, choice_error, dynamics_error};
+use crate::pickle::{Reduced, item, reduced};
 use crate::torsion_model::{Moving, OwnBath, TorsionModel, check_temperature};
 use numpy::PyArrayDyn;
-use phipsi::formats::dcd::{DcdError, DcdTiming, DcdWriter};
+use phipsi::formats::dcd::DcdTiming;
+use phipsi::formats::trajectory::{TrajectoryError, TrajectoryWriter};
 use phipsi::molecule::{
     BOLTZMANN, Bath, Distribution, Ensemble, FixmanPotential, MolecularError, MoleculeError, Trials,
     WithFixman, ensemble, temperature,
@@ -15,6 +18,7 @@ use phipsi::simulate::drift::drift;
 use phipsi::spatial::Vec3;
 use pyo3::exceptions::{PyOSError, PyRuntimeWarning};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -74,6 +78,51 @@ const _: () = assert!(ensemble::FRICTION == 1.0 && ensemble::RELAXATION == 0.1);
 
 #[pymethods]
 impl Run {
+    /// The result again, in another process.
+    #[staticmethod]
+    fn _restore(state: &Bound<'_, PyDict>) -> PyResult<Run> {
+        let word: String = item(state, "ensemble")?;
+        let ensemble = Ensemble::WORDS.into_iter().find(|w| *w == word).unwrap_or_default();
+        let word: String = item(state, "distribution")?;
+        let fixman = word == Distribution::with_fixman(true).word();
+        Ok(Run {
+            ensemble,
+            distribution: Distribution::with_fixman(fixman).word(),
+            degrees_of_freedom: item(state, "degrees_of_freedom")?,
+            time_ps: item(state, "time_ps")?,
+            positions: item(state, "positions")?,
+            potential_energy: item(state, "potential_energy")?,
+            fixman_energy: item(state, "fixman_energy")?,
+            kinetic_energy: item(state, "kinetic_energy")?,
+            conserved: item(state, "conserved")?,
+            temperature: item(state, "temperature_K")?,
+            drift: item(state, "drift")?,
+            acceptance: item(state, "acceptance")?,
+            refused: item(state, "refused")?,
+            steps: item(state, "steps")?,
+        })
+    }
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py>> {
+        reduced(
+            slf.as_any(),
+            &[
+                "ensemble",
+                "distribution",
+                "degrees_of_freedom",
+                "time_ps",
+                "positions",
+                "potential_energy",
+                "fixman_energy",
+                "kinetic_energy",
+                "conserved",
+                "temperature_K",
+                "drift",
+                "acceptance",
+                "refused",
+                "steps",
+            ],
+        )
+    }
     fn __repr__(&self) -> String {
         let drift = self.drift.map_or("None".into(), |d| format!("{d:.1e}"));
         let Run { ensemble, distribution, degrees_of_freedom, steps, .. } = self;
@@ -89,7 +138,9 @@ enum Stop {
     Step(MidpointError<MolecularError>),
     Dynamics(phipsi::recursion::DynamicsError),
     Bath(MoleculeError),
-    File(DcdError),
+    File(TrajectoryError),
+    /// The user's forces raised an exception.
+    Raised(PyErr),
 }
 
 /// What a run is to do.
@@ -109,7 +160,7 @@ struct Records {
     fixman_energies: Vec<f64>,
     positions: Vec<f64>,
     atoms: Vec<Vec3<f64>>,
-    file: Option<DcdWriter>,
+    file: Option<TrajectoryWriter>,
 }
 
 impl Records {
@@ -196,7 +247,8 @@ impl TorsionModel {
     /// friction_per_ps : of "langevin".
     /// seed : of all random numbers.
     /// fixman : adds Fixman's potential 1/2 kT ln det M at ``temperature_K`` to forces and energy.
-    /// trajectory : a DCD file for the positions at the recorded instants; one of this name is replaced.
+    /// trajectory : a file for the positions at the recorded instants, XTC if its name ends in .xtc and else DCD; one of this name
+    ///     is replaced.
     /// every : steps from one recorded instant to the next; None: such that about a thousand are recorded. Of "hmc" whole
     ///     trajectories: rounded up.
     /// relaxation_ps : of "nose_hoover".
@@ -293,17 +345,25 @@ impl TorsionModel {
         let stopped = self.advance(py, &order, &mut records, &mut done, &mut before);
         if fixman {
             // What the model keeps is without Fixman's potential; at a state that had forces there are some.
-            py.detach(|| {
+            let refreshed = py.detach(|| {
                 let mut moving = self.lock();
-                let Moving { forces, method, .. } = &mut *moving;
-                method.refresh(forces)
-            })
-            .map_err(|e| self.step_error(py, &e))?;
+                let Moving { forces, method, stale, .. } = &mut *moving;
+                let refreshed = method.refresh(forces);
+                *stale = refreshed.is_err();
+                refreshed
+            });
+            // After an exception of the user's forces the next run tries again.
+            if let (Err(e), Ok(None)) = (refreshed, &stopped) {
+                return Err(self.step_error(py, &e));
+            }
+            self.raised();
         }
         let Some(stop) = stopped? else { return records.result(py, self, &order, done, before) };
-        let error = match &stop {
-            Stop::Step(e) => self.step_error(py, e),
-            Stop::Dynamics(e) => dynamics_error(py, e, None),
+        let is_raised = matches!(stop, Stop::Raised(_));
+        let error = match stop {
+            Stop::Raised(e) => e,
+            Stop::Step(e) => self.step_error(py, &e),
+            Stop::Dynamics(e) => dynamics_error(py, &e, None),
             Stop::Bath(e) => {
                 let required = e.required.clone();
                 argument_error(
@@ -317,11 +377,15 @@ impl TorsionModel {
             }
             Stop::File(e) => return Err(PyOSError::new_err(e.to_string())),
         };
-        if error.get_type(py).name()? == "NumericalError" {
+        if is_raised || error.get_type(py).name()? == "NumericalError" {
             let so_far = records.result(py, self, &order, done, before)?;
             let time = py.detach(|| self.lock().method.state().t);
-            error.value(py).setattr("time", time)?;
-            error.value(py).setattr("trajectory", so_far)?;
+            let value = error.value(py);
+            let told = value.setattr("time", time).and_then(|()| value.setattr("trajectory", so_far));
+            // An exception of the user's may have no place for them.
+            if !is_raised {
+                told?;
+            }
         }
         Err(error)
     }
@@ -382,7 +446,7 @@ impl TorsionModel {
         });
         let start = match begun {
             Ok(start) => start,
-            Err(stop) => return Ok(Some(stop)),
+            Err(stop) => return Ok(Some(self.raised().map_or(stop, Stop::Raised))),
         };
         while *done < steps {
             py.check_signals()?;
@@ -390,12 +454,22 @@ impl TorsionModel {
                 let (mut moving, looked) = (self.lock_last(), Instant::now());
                 while *done < steps && looked.elapsed() < PATIENCE {
                     let Moving { forces, method, bath, .. } = &mut *moving;
+                    // Monte Carlo and Langevin dynamics go on where there are no forces: not after an exception.
+                    let saved = matches!(forces.potential(), Engine::Python(_))
+                        .then(|| (method.state().clone(), bath.as_ref().map(|b| b.bath.state())));
                     let mut system = WithFixman { inner: forces, fixman: records.fixman.as_mut() };
-                    *done += match bath {
+                    let advanced = match bath {
                         Some(b) => b.bath.advance(method, &mut system, h, steps - *done),
                         None => method.step(&mut system, h).map(|_| 1),
+                    };
+                    if let (Some(raised), Some((state, of_bath))) = (self.raised(), saved) {
+                        method.reset(&state).map_err(Stop::Dynamics)?;
+                        if let (Some(b), Some(state)) = (bath, of_bath) {
+                            b.bath.restore(&state);
+                        }
+                        return Err(Stop::Raised(raised));
                     }
-                    .map_err(Stop::Step)?;
+                    *done += advanced.map_err(Stop::Step)?;
                     if done.is_multiple_of(every) {
                         records.take(self, &mut moving, start + *done as f64 * h)?;
                     }
@@ -429,16 +503,17 @@ impl Moving {
             let bath = Bath::new(&mut self.method, ensemble, BOLTZMANN * kelvin, seed).map_err(Stop::Bath)?;
             self.bath = Some(OwnBath { asked, bath });
         }
-        if fixman.is_some() {
+        if fixman.is_some() || self.stale {
             let mut system = WithFixman { inner: &mut self.forces, fixman };
             self.method.refresh(&mut system).map_err(Stop::Step)?;
+            self.stale = false;
         }
         Ok(())
     }
 }
 
-fn create(path: &Path, atoms: usize, every: u64, h: f64) -> PyResult<DcdWriter> {
+fn create(path: &Path, atoms: usize, every: u64, h: f64) -> PyResult<TrajectoryWriter> {
     let interval = i32::try_from(every).unwrap_or(i32::MAX);
     let timing = DcdTiming { first_step: 0, interval, dt_ps: h };
-    DcdWriter::create(path, atoms, timing).map_err(|e| PyOSError::new_err(e.to_string()))
+    TrajectoryWriter::create(path, atoms, timing).map_err(|e| PyOSError::new_err(e.to_string()))
 }

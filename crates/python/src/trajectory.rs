@@ -1,6 +1,7 @@
 //! What `simulate` returns.
 
 use crate::batch::array;
+use crate::pickle::{Reduced, item, reduced};
 use crate::simulate::limits_in_words;
 use numpy::PyArrayDyn;
 use phipsi_simulate::simulation::method_name;
@@ -166,5 +167,91 @@ impl Trajectory {
             left_out: simulation.left_out(),
             approximated: simulation.approximated.clone(),
         })
+    }
+}
+
+#[pymethods]
+impl RunError {
+    /// The result again, in another process.
+    #[staticmethod]
+    fn _restore(state: &Bound<'_, PyDict>) -> PyResult<RunError> {
+        Ok(RunError {
+            q: item(state, "q")?,
+            v: item(state, "v")?,
+            horizon: item(state, "horizon")?,
+            how: item(state, "how")?,
+            energy_error: item(state, "energy_error")?,
+            momentum_error: item(state, "momentum_error")?,
+            closure_residual: item(state, "closure_residual")?,
+            energy_removed: item(state, "energy_removed")?,
+        })
+    }
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py>> {
+        reduced(
+            slf.as_any(),
+            &[
+                "q",
+                "v",
+                "horizon",
+                "how",
+                "energy_error",
+                "momentum_error",
+                "closure_residual",
+                "energy_removed",
+            ],
+        )
+    }
+}
+
+#[pymethods]
+impl Trajectory {
+    /// The result again, in another process.
+    #[staticmethod]
+    fn _restore(state: &Bound<'_, PyDict>) -> PyResult<Trajectory> {
+        Ok(Trajectory {
+            t: item(state, "t")?,
+            q: item(state, "q")?,
+            v: item(state, "v")?,
+            energy: item(state, "energy")?,
+            kinetic_energy: item(state, "kinetic_energy")?,
+            potential_energy: item(state, "potential_energy")?,
+            work: item(state, "work")?,
+            momentum: item(state, "momentum")?,
+            error: item(state, "error")?,
+            outputs: item(state, "outputs")?,
+            method: item(state, "method")?,
+            steps: item(state, "steps")?,
+            rejected: item(state, "rejected")?,
+            evaluations: item(state, "evaluations")?,
+            wall_s: item(state, "wall_s")?,
+            limits: item(state, "limits")?,
+            left_out: item(state, "left_out")?,
+            approximated: item(state, "approximated")?,
+        })
+    }
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py>> {
+        reduced(
+            slf.as_any(),
+            &[
+                "t",
+                "q",
+                "v",
+                "energy",
+                "kinetic_energy",
+                "potential_energy",
+                "work",
+                "momentum",
+                "error",
+                "outputs",
+                "method",
+                "steps",
+                "rejected",
+                "evaluations",
+                "wall_s",
+                "limits",
+                "left_out",
+                "approximated",
+            ],
+        )
     }
 }

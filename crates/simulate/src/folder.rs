@@ -77,6 +77,10 @@ pub struct Outcome {
 }
 
 impl RunFolder {
+    /// True if a molecule runs in it: times are in ps.
+    pub fn has_molecule(&self) -> bool {
+        self.scene.simulation.molecule.is_some()
+    }
     /// A new folder: `out`, or the next free `runs/SCENE-001`, `runs/SCENE-002` ….
     ///
     /// # Errors

@@ -17,3 +17,9 @@ pub fn atomic_number(text: &str) -> Option<u8> {
     // Deuterium stands second and is hydrogen.
     u8::try_from(if position == 0 { 1 } else { position }).ok()
 }
+
+/// The symbol of an atomic number; `None` if there is none.
+pub(crate) fn symbol_of_number(number: u8) -> Option<&'static str> {
+    let place = if number == 1 { 0 } else { usize::from(number) };
+    SYMBOLS.split_ascii_whitespace().nth(place).filter(|_| number > 0)
+}

@@ -5,10 +5,12 @@
 
 Conventions: six-vectors are angular first; quaternions x y z w; SI units; body velocities, Jacobians and momentum in world
 axes; wrenches in body axes at the body frame's origin. Leading batch axes are always allowed. Molecules, in nm, ps, Da and
-kJ/mol: ``phipsi.molecule``. Operators of the algebra: ``phipsi.operators``.
+kJ/mol: ``phipsi.molecule``; ASE: ``phipsi.ase``. Operators of the algebra: ``phipsi.operators``. Many runs:
+``phipsi.ensemble``.
 """
 
 from . import interop, molecule
+from ._ensemble import ensemble
 from ._native import (
     AssemblyInfo,
     ForwardInfo,
@@ -53,8 +55,18 @@ __all__ = [
     "Trajectory",
     "WorstHinge",
     "__version__",
+    "ensemble",
     "interop",
     "molecule",
     "operators",
     "simulate",
 ]
+
+
+def __getattr__(name: str):
+    # ASE is imported when it is asked for.
+    if name == "ase":
+        from importlib import import_module
+
+        return import_module(".ase", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -330,12 +330,23 @@ class System:
     def from_openmm(
         topology: Any, system: Any, positions: Any, strict: bool = False, ignore: Sequence[str] | None = None
     ) -> System: ...
+    @staticmethod
+    def from_prmtop(
+        prmtop: str | PathLike[str],
+        inpcrd: str | PathLike[str],
+        implicit_solvent: Literal["obc2"] | None = None,
+        solvent_dielectric: float = 78.5,
+        solute_dielectric: float = 1.0,
+        strict: bool = False,
+    ) -> System: ...
     @property
     def report(self) -> Report: ...
     @property
     def n_atoms(self) -> int: ...
     @property
     def atom_names(self) -> list[str]: ...
+    @property
+    def atomic_numbers(self) -> list[int]: ...
     @property
     def masses(self) -> NDArray[np.float64]: ...
     @property
@@ -356,6 +367,7 @@ class TorsionModel:
         clusters: Literal["torsion"] | Sequence[Sequence[int | str]] | None = None,
         rigid: str | Sequence[str | Sequence[int | str]] | None = None,
         hinges: Sequence[Sequence[int | str]] | None = None,
+        forces: Any = None,
     ) -> TorsionModel: ...
     @property
     def system(self) -> System: ...

@@ -10,5 +10,6 @@ Units are OpenMM's: nm, ps, Da, kJ/mol.
 """
 
 from ._native import Minimum, Run, System, TorsionModel
+from ._replica_exchange import ReplicaExchange, exchange_probability, replica_exchange
 
-__all__ = ["Minimum", "Run", "System", "TorsionModel"]
+__all__ = ["Minimum", "ReplicaExchange", "Run", "System", "TorsionModel", "exchange_probability", "replica_exchange"]

@@ -4,7 +4,8 @@ use crate::error::SimulateError;
 use crate::molecule::Molecule;
 use crate::record::Row;
 use crate::simulation::Simulation;
-use phipsi_formats::dcd::{DcdError, DcdTiming, DcdWriter};
+use phipsi_formats::dcd::{DcdTiming, DcdWriter};
+use phipsi_formats::trajectory::TrajectoryError;
 use std::path::Path;
 
 /// A trajectory being written.
@@ -51,7 +52,7 @@ impl AtomWriter {
     }
 }
 
-fn failed(e: DcdError) -> SimulateError {
+fn failed(e: TrajectoryError) -> SimulateError {
     let source = std::io::Error::other(format!("{}; required: {}; {}", e.found, e.required, e.remedy));
     SimulateError::File { path: e.path, source }
 }
