@@ -117,7 +117,7 @@ pub(super) fn nonbonded(
         exceptions.entry([atoms[0].min(atoms[1]), atoms[0].max(atoms[1])]).or_insert(none);
     }
     let particles = (0..n).map(particle).collect();
-    Some(Nonbonded { particles, exceptions: exceptions.into_values().collect() })
+    Some(Nonbonded { particles, exceptions: exceptions.into_values().collect(), ..Nonbonded::default() })
 }
 
 fn refuse_10_12(sections: &mut Sections<'_>, count: usize) {
@@ -177,5 +177,11 @@ pub(super) fn gbsa_obc(
     }
     let particle = |i: usize| GbsaParticle { charge: charges[i], radius: 0.1 * radii[i], scale: screen[i] };
     let particles = (0..charges.len()).map(particle).collect();
-    Some(GbsaObc { solvent_dielectric, solute_dielectric, surface_area_energy: SURFACE, particles })
+    Some(GbsaObc {
+        solvent_dielectric,
+        solute_dielectric,
+        surface_area_energy: SURFACE,
+        particles,
+        cutoff: None,
+    })
 }
