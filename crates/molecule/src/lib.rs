@@ -2,6 +2,7 @@
 //!
 //! Units are OpenMM's: nm, ps, Da, kJ/mol, e, K.
 
+mod angles;
 pub mod assembly;
 pub mod atoms;
 pub mod bath;
@@ -23,11 +24,13 @@ pub mod minimize;
 pub mod molecular_forces;
 pub mod nose_hoover;
 pub mod potential;
+mod rings;
 mod roots;
 mod superpose;
 pub mod torsion_model;
 pub mod velocities;
 
+pub use angles::{Angles, Bend};
 pub use assembly::{Assembled, assemble};
 pub use atoms::{AtomName, Atoms, BOLTZMANN, MoleculeError, MoleculeErrors};
 pub use bath::{Bath, BathState};
@@ -37,12 +40,13 @@ pub use constraints::satisfied_constraints;
 pub use deviates::{Deviates, DeviatesState};
 pub use ensemble::Ensemble;
 pub use files::{LoadedMolecule, Molecule, read_molecule};
-pub use fixman::{Distribution, FixmanForce, FixmanPotential, WithFixman};
+pub use fixman::{Distribution, FixmanForce, FixmanPotential, WithFixman, fixman_energy_of_rings};
 pub use force_field::{ForceField, ForceFieldError};
 pub use hybrid_monte_carlo::Trials;
 pub use lbfgs::{MinimizeOptions, Minimum};
 pub use minimize::{Strain, minimize, strain};
 pub use molecular_forces::{MolecularError, MolecularForces, PotentialForce};
 pub use potential::{Potential, PotentialError};
+pub use rings::Rings;
 pub use torsion_model::{GatherWorkspace, Poses, TorsionModel};
 pub use velocities::{draw_momenta, draw_velocities, sample_velocities, temperature};

@@ -6,5 +6,6 @@ mod energies;
 mod ensembles;
 mod minimize;
 mod nve;
+mod rings;
 mod torsion_model;
 mod velocities;
