@@ -89,6 +89,11 @@ impl Clusters {
         self.cluster_of[h] == self.cluster_of[i] || across.is_some_and(|x| x.bend.is_none_or(|b| b.center == h))
     }
 
+    /// An angle at i is measured from j, which must rest.
+    fn is_reference(&self, j: usize, i: usize) -> bool {
+        self.hinges.iter().any(|x| x.bend == Some(Bend { reference: j, center: i }))
+    }
+
     fn open_listed(
         &mut self,
         atoms: &Atoms,
@@ -111,6 +116,11 @@ impl Clusters {
         };
         if self.hinges[at].bend.is_some() {
             return wrong("a hinge that bends already".into(), "one angle for each hinge", "remove one of them");
+        }
+        if self.is_reference(j, i) {
+            let found = format!("{} is the first atom of another open angle there", atoms.label(j));
+            let remedy = "open the other angle with another first atom";
+            return wrong(found, "a first atom that rests", remedy);
         }
         if !self.rests(h, i) {
             let found = format!("{} moves against {} by another open angle", atoms.label(h), atoms.label(i));
@@ -139,15 +149,20 @@ impl Clusters {
             let j = step.atom;
             let inboard = own[self.cluster_of[i]].map(|(_, p)| p).filter(|p| neighbors[i].contains(p));
             let mut others: Vec<usize> = neighbors[i].iter().copied().filter(|&h| h != j).collect();
-            others.sort_by(|a, b| atoms.masses[*b].total_cmp(&atoms.masses[*a]).then(a.cmp(b)));
+            // Atoms of its own cluster first: they rest whatever opens.
+            let own_cluster = |h: usize| self.cluster_of[h] == self.cluster_of[i];
+            others.sort_by(|a, b| {
+                let heavier = atoms.masses[*b].total_cmp(&atoms.masses[*a]);
+                own_cluster(*b).cmp(&own_cluster(*a)).then(heavier).then(a.cmp(b))
+            });
             let mut candidates = inboard.into_iter().chain(others);
             let found =
                 candidates.find(|&h| h != j && self.rests(h, i) && !is_straight(positions, [h, i, j]));
-            match found {
+            match found.filter(|_| !self.is_reference(j, i)) {
                 Some(reference) => self.hinges[hinge].bend = Some(Bend { reference, center: i }),
                 None => self.locked.push(LockedHinge {
                     atoms: self.hinges[hinge].atoms,
-                    why: "its angle stays rigid: no atom gives it a plane".into(),
+                    why: "its angle stays rigid: others are measured from it, or no atom gives it a plane".into(),
                 }),
             }
         }

@@ -144,7 +144,7 @@ impl Clusters {
         }
         let mut division = Division::new(atoms, clustering);
         division.choose(clustering)?;
-        division.lock_rings(clustering)?;
+        division.lock_rings(clustering, positions)?;
         division.lock_linear(positions, &clustering.angles);
         let small = std::mem::take(&mut division.small);
         let mut clusters = division.finish();
@@ -331,7 +331,11 @@ impl<'a> Division<'a> {
 
     /// Hinges on rings of clusters. Those between atoms of one group are locked; of a flexible ring one is a closure; other
     /// such rings are closed by groups, or must not be.
-    fn lock_rings(&mut self, clustering: &Clustering) -> Result<(), MoleculeErrors> {
+    fn lock_rings(
+        &mut self,
+        clustering: &Clustering,
+        positions: &[Vec3<f64>],
+    ) -> Result<(), MoleculeErrors> {
         for group in &clustering.groups {
             for &i in group {
                 self.union.join(group[0], i);
@@ -362,15 +366,39 @@ impl<'a> Division<'a> {
         if !errors.is_empty() {
             return Err(MoleculeErrors(errors));
         }
-        self.cut(cyclic);
+        self.cut(cyclic, positions);
         self.hinges.sort_unstable();
         Ok(())
     }
 
     /// Divides hinges on rings into those of a tree and one closure for each ring; bonds that are good to cut come last.
-    fn cut(&mut self, mut cyclic: Vec<usize>) {
+    fn cut(&mut self, mut cyclic: Vec<usize>, positions: &[Vec3<f64>]) {
         let atoms = self.atoms;
-        cyclic.sort_by_key(|&b| (Rings::cut_rank(atoms, &self.neighbors, atoms.bonds[b]), b));
+        // What a side keeps off the axis of its last hinge: its atoms, and hinges besides the bond that is cut.
+        let mut near: Vec<Vec<usize>> = vec![Vec::new(); atoms.len()];
+        for i in 0..atoms.len() {
+            near[self.union.find(i)].push(i);
+        }
+        for b in self.hinges.iter().chain(&cyclic).copied().collect::<Vec<_>>() {
+            let [i, j] = atoms.bonds[b];
+            let ends = self.ends(b);
+            near[ends[0]].push(j);
+            near[ends[1]].push(i);
+        }
+        let mut has_inertia = |b: usize| {
+            let [i, j] = atoms.bonds[b];
+            let ends = self.ends(b);
+            [(ends[0], j), (ends[1], i)].into_iter().all(|(c, far)| {
+                let kept = near[c].iter().filter(|&&a| a != far).map(|&a| positions[a]);
+                !is_linear(&kept.collect::<Vec<_>>())
+            })
+        };
+        let good: std::collections::HashSet<usize> = cyclic.iter().copied().filter(|&b| has_inertia(b)).collect();
+        let rank = |b: usize| match good.contains(&b) {
+            true => 1 + Rings::cut_rank(atoms, &self.neighbors, atoms.bonds[b]),
+            false => 0,
+        };
+        cyclic.sort_by_key(|&b| (rank(b), b));
         let mut joined = Union((0..atoms.len()).collect());
         for i in 0..atoms.len() {
             let root = self.union.find(i);
@@ -471,7 +499,7 @@ impl<'a> Division<'a> {
                 atoms,
                 clusters: atoms.map(|i| cluster_of[i]),
                 kind: chemistry.kind(atoms),
-                turns: !self.bent_only.contains(b),
+                turns: !self.bent_only.contains(&b),
                 bend: None,
             }
         };

@@ -5,6 +5,9 @@
 //! | three or four atoms; up to six atoms with at most three neighbours each (aromatic) | stays rigid |
 //! | five to seven atoms | one bond is a closure, the others turn, and three bond angles open: n − 3 degrees of freedom, as many as coordinates of pucker |
 //! | larger | one bond is a closure, the others turn: n − 6 degrees of freedom |
+//!
+//! Both ends of the cut bond need atoms off the axes of their last hinges, or nothing would turn there: a sulfur of a disulfide
+//! has none, and its ring is cut elsewhere.
 
 use crate::atoms::Atoms;
 use std::collections::VecDeque;
@@ -18,7 +21,6 @@ const SMALLEST: usize = 5;
 /// Angles of a small ring that open.
 pub(crate) const OPEN_ANGLES: usize = 3;
 
-const SULFUR: u8 = 16;
 const HYDROGEN: u8 = 1;
 
 /// Which rings are flexible.
@@ -63,15 +65,11 @@ impl Rings {
         let aromatic = ring.len() <= 6 && ring.iter().all(|&i| neighbors[i].len() <= 3);
         (ring.len() >= SMALLEST && !aromatic).then_some(ring)
     }
-    /// The rank of a bond among those of its rings: the highest is cut. Disulfides; then bonds between atoms that carry nothing
-    /// but hydrogens; last others.
-    pub(crate) fn cut_rank(atoms: &Atoms, neighbors: &[Vec<usize>], [i, j]: [usize; 2]) -> usize {
+    /// The rank of a bond among those of its rings: the highest is cut. Bonds between atoms that carry nothing but hydrogens
+    /// besides the ring; then those with one such end; last others.
+    pub(crate) fn cut_rank(atoms: &Atoms, neighbors: &[Vec<usize>], bond: [usize; 2]) -> usize {
         let heavy = |a: usize| neighbors[a].iter().filter(|&&n| atoms.elements[n] != HYDROGEN).count();
-        if atoms.elements[i] == SULFUR && atoms.elements[j] == SULFUR {
-            2
-        } else {
-            usize::from(heavy(i) <= 2 && heavy(j) <= 2)
-        }
+        bond.into_iter().filter(|&a| heavy(a) <= 2).count()
     }
 }
 

@@ -71,7 +71,8 @@ fn degrees_of_freedom_are_counted_from_the_rank() {
     let (rigid, _) = model("caac_ss", "min", &Clustering::default());
     let closures = &bridge.clusters().closures;
     assert_eq!(closures.len(), 1);
-    assert!(closures[0].atoms.iter().all(|&i| bridge.atoms().elements[i] == 16), "{closures:?}");
+    // A lone sulfur turns nothing: the ring is cut beside it.
+    assert!(closures[0].atoms.iter().all(|&i| bridge.atoms().elements[i] == 6), "{closures:?}");
     let ring = bridge.clusters().hinges.len() - rigid.clusters().hinges.len() + 1;
     // Six conditions close a ring of bonds that all turn.
     assert_eq!(bridge.degrees_of_freedom(), rigid.degrees_of_freedom() + ring - 6);
@@ -171,9 +172,9 @@ fn the_temperature_counts_the_closed_degrees_of_freedom() {
         sum += method.kinetic_energy().unwrap();
     }
     let ratio = 2.0 * sum / (n as f64 * KT * torsion.degrees_of_freedom() as f64);
-    // Velocities forget themselves in 25 steps: 240 values of 19 squares have a deviation of √(2/(240·19)) = 0.021.
+    // Velocities forget themselves in 25 steps: 240 values of 13 squares have a deviation of √(2/(240·13)) = 0.025.
     println!("2⟨K⟩/(n kT) = {ratio:.3}");
-    assert!((ratio - 1.0).abs() < 4.0 * 0.021, "{ratio}");
+    assert!((ratio - 1.0).abs() < 4.0 * 0.025, "{ratio}");
     assert!(Bath::new(&mut method, Ensemble::NoseHoover { relaxation: 0.1 }, KT, 3).is_err());
     assert!(FixmanPotential::of(&torsion, KT).is_err());
 }
@@ -281,7 +282,7 @@ fn angles_bend_as_they_say() {
     let (torsion, mut forces) = model("aladi", "md", &clustering);
     let plain = model("aladi", "md", &Clustering::default()).0;
     let bends = torsion.clusters().bends();
-    assert_eq!(bends, torsion.clusters().torsions());
+    assert!(bends >= 5 && bends + torsion.clusters().locked.len() == torsion.clusters().torsions(), "{bends}");
     assert_eq!(torsion.degrees_of_freedom(), plain.degrees_of_freedom() + bends);
     let nv = torsion.model().nv();
     let start = torsion.model().neutral::<f64>();
@@ -318,14 +319,16 @@ fn angles_bend_as_they_say() {
     }
 }
 
-/// Three beads, rigid bonds, free angle: sin θ √(4 − cos²θ) without Fixman's potential, sin θ with it, by hybrid Monte Carlo.
+/// Three beads, rigid bonds, free angle: sin θ √((1/m₁ + 1/m₂)(1/m₂ + 1/m₃) − cos²θ/m₂²) without Fixman's potential, sin θ with
+/// it, by hybrid Monte Carlo.
 #[test]
 fn a_free_angle_has_the_density_of_the_trimer() {
+    const MASSES: [f64; 3] = [24.0, 4.0, 24.0];
     let (a, theta) = (0.15, 1.9f64);
     let positions =
         vec![Vec3([a, 0.0, 0.0]), Vec3::zero(), Vec3([a * theta.cos(), a * theta.sin(), 0.0])];
     let atoms =
-        Atoms { masses: vec![12.0; 3], elements: vec![0; 3], bonds: vec![[0, 1], [1, 2]], names: Vec::new() };
+        Atoms { masses: MASSES.to_vec(), elements: vec![0; 3], bonds: vec![[0, 1], [1, 2]], names: Vec::new() };
     let clustering = Clustering { angles: Angles::Listed(vec![[0, 1, 2]]), ..Clustering::default() };
     let clusters = Clusters::new(&atoms, &positions, &clustering).unwrap();
     let torsion = TorsionModel::new(&atoms, &positions, clusters).unwrap();
@@ -341,22 +344,27 @@ fn a_free_angle_has_the_density_of_the_trimer() {
         let model = torsion.model();
         let mut method =
             Midpoint::new(model, &mut system, 0.0, &model.neutral::<f64>(), &vec![0.0; model.nv()]).unwrap();
-        let mut bath = Bath::new(&mut method, Ensemble::HybridMonteCarlo { steps: 8 }, KT, 11).unwrap();
+        let mut bath = Bath::new(&mut method, Ensemble::HybridMonteCarlo { steps: 8 }, KT, 11 + u64::from(fixman)).unwrap();
         let mut cosines = Vec::new();
-        for i in 0..48_000 {
-            bath.advance(&mut method, &mut system, 0.05, 8).unwrap();
+        let samples = std::env::var("PHIPSI_SAMPLES").map_or(4000, |s| s.parse().expect("a whole number"));
+        for i in 0..2 * samples {
+            bath.advance(&mut method, &mut system, 0.04, 8).unwrap();
             if i % 2 == 1 {
                 cosines.push((start + method.state().q[coordinate]).cos());
             }
         }
-        // In u = cos θ: √(4 − u²), or uniform.
-        let hard = p_value(&cosines, [-1.0, 1.0], 8, |u| (4.0 - u * u).sqrt());
+        // In u = cos θ.
+        let [first, last] = [0, 2].map(|i| 1.0 / MASSES[i] + 1.0 / MASSES[1]);
+        let hard = |u: f64| (first * last - u * u / (MASSES[1] * MASSES[1])).sqrt();
+        let hard = p_value(&cosines, [-1.0, 1.0], 8, hard);
         let stiff = p_value(&cosines, [-1.0, 1.0], 8, |_| 1.0);
         let acceptance = bath.trials().acceptance().unwrap();
         println!("fixman {fixman}: p {hard:.2e} rigid, {stiff:.2e} stiff limit; acceptance {acceptance:.3}");
         let (right, wrong) = if fixman { (stiff, hard) } else { (hard, stiff) };
-        assert!(right > 1e-3 && wrong < 1e-3, "{right} {wrong}");
-        let squares: Vec<f64> = cosines.iter().map(|u| u * u).collect();
-        check_mean("⟨cos²θ⟩", &squares, if fixman { 1.0 / 3.0 } else { 0.321_021_054 }, 0.0);
+        assert!(right > 1e-3 && wrong < 1e-6, "{right} {wrong}");
+        if fixman {
+            let squares: Vec<f64> = cosines.iter().map(|u| u * u).collect();
+            check_mean("⟨cos²θ⟩", &squares, 1.0 / 3.0, 0.0);
+        }
     }
 }
