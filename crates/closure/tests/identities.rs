@@ -241,7 +241,9 @@ fn momenta_are_those_of_dense_matrices() {
         let (mut x, mut p) = (vec![0.0; n], vec![0.0; n]);
         momenta.solve(&f, None, &mut x, &mut p).unwrap();
         let product = |x: &[f64]| -> Vec<f64> {
-            (0..n).map(|i| (0..n).fold(Dd::from_f64(0.0), |s, j| s + m[(i, j)] * Dd::from_f64(x[j])).hi).collect()
+            (0..n)
+                .map(|i| (0..n).fold(Dd::from_f64(0.0), |s, j| s + m[(i, j)] * Dd::from_f64(x[j])).hi)
+                .collect()
         };
         let size = largest(f.iter().copied()).max(largest(p.iter().copied()));
         let off = largest(product(&x).iter().zip(&p).map(|(a, b)| a - b));
@@ -254,7 +256,8 @@ fn momenta_are_those_of_dense_matrices() {
         let (mut y, mut unused) = (vec![0.0; n], vec![0.0; n]);
         momenta.solve(&g, None, &mut y, &mut unused).unwrap();
         let normal: f64 = (0..n).map(|i| (p[i] - f[i]) * y[i]).sum();
-        let terms: f64 = (0..n).map(|i| ((p[i] - f[i]) * y[i]).abs()).sum::<f64>() + size * largest(y.clone());
+        let terms: f64 =
+            (0..n).map(|i| ((p[i] - f[i]) * y[i]).abs()).sum::<f64>() + size * largest(y.clone());
         assert!(normal.abs() <= allowed * terms, "PHIPSI_SEED={seed}: {normal:e}");
 
         match momenta.log_determinant() {

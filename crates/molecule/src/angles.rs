@@ -86,7 +86,8 @@ impl Clusters {
     /// h is at rest in the cluster of i: one of its atoms, or the far end of a hinge that does not bend in i.
     fn rests(&self, h: usize, i: usize) -> bool {
         let across = self.hinges.iter().find(|x| x.atoms == [h, i] || x.atoms == [i, h]);
-        self.cluster_of[h] == self.cluster_of[i] || across.is_some_and(|x| x.bend.is_none_or(|b| b.center == h))
+        self.cluster_of[h] == self.cluster_of[i]
+            || across.is_some_and(|x| x.bend.is_none_or(|b| b.center == h))
     }
 
     /// An angle at i is measured from j, which must rest.
@@ -115,7 +116,11 @@ impl Clusters {
             return wrong(found, "a hinge between the last two atoms", remedy);
         };
         if self.hinges[at].bend.is_some() {
-            return wrong("a hinge that bends already".into(), "one angle for each hinge", "remove one of them");
+            return wrong(
+                "a hinge that bends already".into(),
+                "one angle for each hinge",
+                "remove one of them",
+            );
         }
         if self.is_reference(j, i) {
             let found = format!("{} is the first atom of another open angle there", atoms.label(j));
@@ -162,7 +167,8 @@ impl Clusters {
                 Some(reference) => self.hinges[hinge].bend = Some(Bend { reference, center: i }),
                 None => self.locked.push(LockedHinge {
                     atoms: self.hinges[hinge].atoms,
-                    why: "its angle stays rigid: others are measured from it, or no atom gives it a plane".into(),
+                    why: "its angle stays rigid: others are measured from it, or no atom gives it a plane"
+                        .into(),
                 }),
             }
         }

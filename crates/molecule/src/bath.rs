@@ -66,8 +66,9 @@ impl Bath {
             let remedy = "give a temperature above zero, or take constant energy";
             return Err(MoleculeError::new("temperature", found, "a positive finite number", remedy));
         }
-        let singular =
-            |e: DynamicsError| MoleculeError::new("model", e.to_string(), "a regular mass matrix", "lock the named hinge");
+        let singular = |e: DynamicsError| {
+            MoleculeError::new("model", e.to_string(), "a regular mass matrix", "lock the named hinge")
+        };
         let constrained = method.model().nv() - method.degrees_of_freedom().map_err(singular)?;
         if let (Ensemble::NoseHoover { .. }, true) = (ensemble, method.loops().map_err(singular)?.is_some()) {
             let (found, required) = ("nose_hoover with flexible rings", "langevin, hmc or nve");

@@ -61,7 +61,7 @@ impl Exchange {
         }
         method.set_momenta_and_velocity(p, v)?;
         // With flexible rings the momenta are now those of the cotangent space.
-        let after = method.kinetic_energy()?;
+        let after = if method.loops()?.is_some() { method.kinetic_energy()? } else { 0.5 * dot(p, v) };
         Ok((after - before, after))
     }
     /// Reverses the momenta that were set last, at the configuration that the method has gone back to.

@@ -15,9 +15,7 @@ use crate::atoms::{Atoms, MoleculeError, MoleculeErrors};
 use crate::clusters::{Clusters, HingeBond, is_linear};
 use crate::roots::{Rooted, rooted};
 use phipsi_closure::ClosedMomenta;
-use phipsi_model::{
-    Body, Closure, ClosureKind, Inertia, Joint, JointKind, Model, ModelBuilder, Placement,
-};
+use phipsi_model::{Body, Closure, ClosureKind, Inertia, Joint, JointKind, Model, ModelBuilder, Placement};
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{ArticulatedSweep, DynamicsError, Layout};
 use phipsi_spatial::{Motion, Sym3, Transform, Vec3, Wrench};

@@ -1,6 +1,7 @@
 //! Flexible rings, open angles, Cartesian coordinates.
 //!
-//! `PHIPSI_STEPS=1000000 cargo test --release -p phipsi-molecule --test all rings::closed -- --nocapture` makes the long runs.
+//! `PHIPSI_STEPS=1000000 cargo test --release -p phipsi-molecule --test all rings::closed -- --nocapture` makes the long runs;
+//! `PHIPSI_RINGS="oxytocin bpti"` runs others, of the folder that `PHIPSI_MOLECULES` names.
 
 use crate::common::chains::KT;
 use crate::common::molecule;
@@ -39,7 +40,8 @@ fn thermal(
 ) -> Midpoint {
     let nv = torsion.model().nv();
     let mut method =
-        Midpoint::new(torsion.model(), forces, 0.0, &torsion.model().neutral::<f64>(), &vec![0.0; nv]).unwrap();
+        Midpoint::new(torsion.model(), forces, 0.0, &torsion.model().neutral::<f64>(), &vec![0.0; nv])
+            .unwrap();
     let (mut deviates, mut workspace) = (Deviates::new(seed), SolveWorkspace::new(torsion.layout()));
     let mut p = vec![0.0; nv];
     for _ in 0..10 {
@@ -86,7 +88,9 @@ fn degrees_of_freedom_are_counted_from_the_rank() {
         let names = ["N", "CA", "CB", "CG", "CD"];
         let atoms = proline.atoms();
         (0..atoms.len())
-            .filter(|&i| atoms.names[i].residue.starts_with("PRO") && names.contains(&atoms.names[i].atom.as_str()))
+            .filter(|&i| {
+                atoms.names[i].residue.starts_with("PRO") && names.contains(&atoms.names[i].atom.as_str())
+            })
             .collect()
     };
     let listed = Clustering { rings: Rings::Listed(vec![proline_ring]), ..Clustering::default() };
@@ -97,7 +101,9 @@ fn degrees_of_freedom_are_counted_from_the_rank() {
 /// Closure to 1e-10 nm, no drift of the energy, bond lengths of the cut bonds kept; reversible.
 #[test]
 fn closed_rings_run_at_constant_energy() {
-    for (name, h) in [("ace_pro_nme", 0.002), ("caac_ss", 0.004)] {
+    let names = std::env::var("PHIPSI_RINGS").unwrap_or("ace_pro_nme caac_ss".into());
+    for name in names.split(' ') {
+        let h = if name == "caac_ss" { 0.004 } else { 0.002 };
         let (torsion, mut forces) = model(name, "min", &flexible());
         let mut method = thermal(&torsion, &mut forces, (300.0, h, 1));
         let start = method.state().clone();
@@ -282,14 +288,16 @@ fn angles_bend_as_they_say() {
     let (torsion, mut forces) = model("aladi", "md", &clustering);
     let plain = model("aladi", "md", &Clustering::default()).0;
     let bends = torsion.clusters().bends();
-    assert!(bends >= 5 && bends + torsion.clusters().locked.len() == torsion.clusters().torsions(), "{bends}");
+    assert!(
+        bends >= 5 && bends + torsion.clusters().locked.len() == torsion.clusters().torsions(),
+        "{bends}"
+    );
     assert_eq!(torsion.degrees_of_freedom(), plain.degrees_of_freedom() + bends);
     let nv = torsion.model().nv();
     let start = torsion.model().neutral::<f64>();
     let mut fixman = FixmanPotential::of(&torsion, KT).unwrap();
-    let mut energy = |q: &[f64], out: &mut [f64]| {
-        forces.evaluate(q, out).unwrap() + fixman.evaluate(q, out).unwrap()
-    };
+    let mut energy =
+        |q: &[f64], out: &mut [f64]| forces.evaluate(q, out).unwrap() + fixman.evaluate(q, out).unwrap();
     let x: Vec<f64> = (0..nv).map(|i| 0.1 * ((7 * i) as f64).sin()).collect();
     let q = torsion.model().integrate(&start, &x);
     let mut gradient = vec![0.0; nv];
@@ -307,6 +315,8 @@ fn angles_bend_as_they_say() {
         assert!((slope + gradient[i]).abs() < 1e-7 * scale, "{i}: {slope} {}", gradient[i]);
     }
     let positions = torsion.positions(&q).unwrap();
+    let (again, away) = torsion.coordinates(&positions).unwrap();
+    assert!(away < 1e-12 && largest(torsion.model().difference(&q, &again)) < 1e-11, "{away:e}");
     let mut open = torsion.open_angles();
     for hinge in &torsion.clusters().hinges {
         let Some(bend) = hinge.bend else { continue };
@@ -319,34 +329,41 @@ fn angles_bend_as_they_say() {
     }
 }
 
-/// Three beads, rigid bonds, free angle: sin θ √((1/m₁ + 1/m₂)(1/m₂ + 1/m₃) − cos²θ/m₂²) without Fixman's potential, sin θ with
-/// it, by hybrid Monte Carlo.
+/// Three beads, rigid bonds, free angle, U = −2 kT ln sin θ, which keeps them from the line, where the coordinates are singular:
+/// sin³θ √((1/m₁ + 1/m₂)(1/m₂ + 1/m₃) − cos²θ/m₂²) without Fixman's potential, sin³θ with it, by hybrid Monte Carlo.
 #[test]
 fn a_free_angle_has_the_density_of_the_trimer() {
     const MASSES: [f64; 3] = [24.0, 4.0, 24.0];
     let (a, theta) = (0.15, 1.9f64);
-    let positions =
-        vec![Vec3([a, 0.0, 0.0]), Vec3::zero(), Vec3([a * theta.cos(), a * theta.sin(), 0.0])];
-    let atoms =
-        Atoms { masses: MASSES.to_vec(), elements: vec![0; 3], bonds: vec![[0, 1], [1, 2]], names: Vec::new() };
+    let positions = vec![Vec3([a, 0.0, 0.0]), Vec3::zero(), Vec3([a * theta.cos(), a * theta.sin(), 0.0])];
+    let atoms = Atoms {
+        masses: MASSES.to_vec(),
+        elements: vec![0; 3],
+        bonds: vec![[0, 1], [1, 2]],
+        names: Vec::new(),
+    };
     let clustering = Clustering { angles: Angles::Listed(vec![[0, 1, 2]]), ..Clustering::default() };
     let clusters = Clusters::new(&atoms, &positions, &clustering).unwrap();
     let torsion = TorsionModel::new(&atoms, &positions, clusters).unwrap();
     assert_eq!(torsion.degrees_of_freedom(), 7);
-    let (coordinate, _, start) = torsion.open_angles().next().unwrap();
+    let (coordinate, dof, start) = torsion.open_angles().next().unwrap();
     for fixman in [false, true] {
-        let mut free = |_: &[f64], forces: &mut [f64]| {
+        let mut wall = |q: &[f64], forces: &mut [f64]| {
+            let (sin, cos) = (start + q[coordinate]).sin_cos();
             forces.fill(0.0);
-            Ok::<f64, DynamicsError>(0.0)
+            forces[dof] = 2.0 * KT * cos / sin;
+            Ok::<f64, DynamicsError>(-2.0 * KT * sin.abs().ln())
         };
         let mut potential = FixmanPotential::of(&torsion, KT).unwrap();
-        let mut system = WithFixman { inner: &mut free, fixman: fixman.then_some(&mut potential) };
+        let mut system = WithFixman { inner: &mut wall, fixman: fixman.then_some(&mut potential) };
         let model = torsion.model();
         let mut method =
             Midpoint::new(model, &mut system, 0.0, &model.neutral::<f64>(), &vec![0.0; model.nv()]).unwrap();
-        let mut bath = Bath::new(&mut method, Ensemble::HybridMonteCarlo { steps: 8 }, KT, 11 + u64::from(fixman)).unwrap();
+        let mut bath =
+            Bath::new(&mut method, Ensemble::HybridMonteCarlo { steps: 8 }, KT, 11 + u64::from(fixman))
+                .unwrap();
         let mut cosines = Vec::new();
-        let samples = std::env::var("PHIPSI_SAMPLES").map_or(4000, |s| s.parse().expect("a whole number"));
+        let samples = std::env::var("PHIPSI_SAMPLES").map_or(5000, |s| s.parse().expect("a whole number"));
         for i in 0..2 * samples {
             bath.advance(&mut method, &mut system, 0.04, 8).unwrap();
             if i % 2 == 1 {
@@ -355,16 +372,17 @@ fn a_free_angle_has_the_density_of_the_trimer() {
         }
         // In u = cos θ.
         let [first, last] = [0, 2].map(|i| 1.0 / MASSES[i] + 1.0 / MASSES[1]);
-        let hard = |u: f64| (first * last - u * u / (MASSES[1] * MASSES[1])).sqrt();
+        let wall = |u: f64| 1.0 - u * u;
+        let hard = |u: f64| wall(u) * (first * last - u * u / (MASSES[1] * MASSES[1])).sqrt();
         let hard = p_value(&cosines, [-1.0, 1.0], 8, hard);
-        let stiff = p_value(&cosines, [-1.0, 1.0], 8, |_| 1.0);
+        let stiff = p_value(&cosines, [-1.0, 1.0], 8, wall);
         let acceptance = bath.trials().acceptance().unwrap();
         println!("fixman {fixman}: p {hard:.2e} rigid, {stiff:.2e} stiff limit; acceptance {acceptance:.3}");
         let (right, wrong) = if fixman { (stiff, hard) } else { (hard, stiff) };
-        assert!(right > 1e-3 && wrong < 1e-6, "{right} {wrong}");
+        assert!(right > 1e-3 && wrong < 1e-4, "{right} {wrong}");
         if fixman {
             let squares: Vec<f64> = cosines.iter().map(|u| u * u).collect();
-            check_mean("⟨cos²θ⟩", &squares, 1.0 / 3.0, 0.0);
+            check_mean("⟨cos²θ⟩", &squares, 0.2, 0.0);
         }
     }
 }

@@ -3,9 +3,9 @@
 //! Auxiliary slots, in this order: the work of non-conservative forces (if the plan integrates it), the impulse of external
 //! forces (angular about the centre of mass, linear; world axes), then each force's own.
 
+use crate::conservative::Conservative;
 use crate::constraints::Constraints;
 use crate::force::{Force, ForceError, Loads, Situation};
-use crate::conservative::Conservative;
 use crate::plan::Plan;
 use crate::prescription::Prescription;
 use crate::system::{Linearization, Projected, System, differences};

@@ -108,9 +108,7 @@ pub struct Midpoint {
     solve: SolveWorkspace<f64>,
     mixing: Mixing,
     v: Vec<f64>,
-    /// M⁻¹ p of the present state, if it is known.
     velocity: Vec<f64>,
-    known: bool,
     x: Vec<f64>,
     mu: Vec<f64>,
     g: Vec<f64>,
@@ -150,7 +148,8 @@ impl Midpoint {
             return Err(failed(DynamicsError::Shape { argument: "v", expected: nv, found: v.len() }));
         }
         let mut forces = vec![0.0; nv];
-        let potential = system.evaluate(&q, &mut forces).map_err(|cause| MidpointError::Force { t, cause })?;
+        let potential =
+            system.evaluate(&q, &mut forces).map_err(|cause| MidpointError::Force { t, cause })?;
         let mut momentum = MomentumSweep::new(&layout);
         let (mut p, mut g) = (vec![0.0; nv], vec![0.0; nv]);
         momentum.run(&layout, &q, v, &mut p, &mut g);
@@ -177,7 +176,6 @@ impl Midpoint {
             mixing: Mixing::new(nv),
             v: zeros(),
             velocity: v.to_vec(),
-            known: false,
             x: zeros(),
             mu: zeros(),
             g,
@@ -231,10 +229,8 @@ impl Midpoint {
         self.loops()?;
         if let Some(closed) = &mut self.closed {
             closed.solve(p, None, &mut self.velocity, &mut self.state.p)?;
-            self.known = true;
         } else {
             self.state.p.copy_from_slice(p);
-            self.known = false;
             self.velocity()?;
         }
         self.state.guess.copy_from_slice(&self.velocity);
@@ -257,8 +253,6 @@ impl Midpoint {
         }
         self.state.p.copy_from_slice(p);
         self.state.guess.copy_from_slice(v);
-        self.velocity.copy_from_slice(v);
-        self.known = true;
         Ok(())
     }
     /// Counts the time, steps and iterations of a rejected trajectory, whose state is not kept.
@@ -288,7 +282,7 @@ impl Midpoint {
     }
     /// The state is another one.
     fn moved(&mut self) {
-        (self.factored, self.placed, self.known) = (false, false, false);
+        (self.factored, self.placed) = (false, false);
     }
     /// Degrees of freedom: nv, less the independent rows of the closures at the present configuration.
     ///
@@ -342,12 +336,9 @@ impl Midpoint {
     /// # Errors
     /// [`DynamicsError::SingularHinge`].
     pub fn velocity(&mut self) -> Result<&[f64], DynamicsError> {
-        if !self.known {
-            self.factors()?;
-            self.velocity.copy_from_slice(&self.state.p);
-            self.sweep.solve_in_place(&self.layout, &mut self.velocity, &mut self.solve);
-            self.known = true;
-        }
+        self.factors()?;
+        self.velocity.copy_from_slice(&self.state.p);
+        self.sweep.solve_in_place(&self.layout, &mut self.velocity, &mut self.solve);
         Ok(&self.velocity)
     }
     /// ½ p·M(q)⁻¹ p.
@@ -378,7 +369,7 @@ impl Midpoint {
             *p += 0.5 * h * force;
         }
         if let Some(closed) = &mut self.closed {
-            (self.placed, self.known) = (false, false);
+            self.placed = false;
             let placed = closed.place(&self.next_q);
             placed
                 .and_then(|()| closed.solve(&self.next_p, None, &mut self.velocity, &mut self.y))
@@ -395,7 +386,7 @@ impl Midpoint {
         s.steps += 1;
         s.iterations += info.iterations as u64;
         self.factored = false;
-        (self.placed, self.known) = (self.closed.is_some(), self.closed.is_some());
+        self.placed = self.closed.is_some();
         Ok(info)
     }
 

@@ -24,7 +24,8 @@ fn rod(name: &str, length: f64) -> Body {
 /// Crank 0.7, coupler 1.6, rocker 1.1 on a ground of 1.5, closed by a hinge: a row across the plane and two rotations are
 /// redundant.
 fn four_bar() -> Model {
-    let hinge = |name: &str, x: f64| Joint::new(name, JointKind::Continuous { axis: AXIS }).at(at(x, 0.0, 0.0));
+    let hinge =
+        |name: &str, x: f64| Joint::new(name, JointKind::Continuous { axis: AXIS }).at(at(x, 0.0, 0.0));
     let flat = std::f64::consts::FRAC_1_SQRT_2;
     // The closure's axis is z: a quarter turn about x brings it to the hinges'.
     let turned = |x: f64| Placement { translation: [x, 0.0, 0.0], rotation: [-flat, 0.0, 0.0, flat] };
@@ -70,7 +71,8 @@ fn bricard() -> Model {
         let inertia = Inertia::from_principal(1.0, step.map(|x| 0.5 * x), principal);
         let joint = Joint::new(format!("hinge{i}"), JointKind::Continuous { axis: axes[i] });
         let placement = Placement { translation: from, ..Placement::IDENTITY };
-        builder = builder.body(Body::new(name.as_str(), inertia)).joint(joint.at(placement), parent, name.as_str());
+        builder =
+            builder.body(Body::new(name.as_str(), inertia)).joint(joint.at(placement), parent, name.as_str());
         parent = name;
     }
     // The last hinge turns about x: z of the closure's frames is brought there.
@@ -101,7 +103,8 @@ fn floating_ring(n: usize) -> Model {
         let center = random.vector().map(|x| 0.1 * x);
         let inertia = Inertia::from_principal(1.0 + 0.2 * i as f64, center, [0.11, 0.17, 0.21]);
         let name = format!("link{i}");
-        let (parent, from) = if i == 0 { ("world".into(), [0.0; 3]) } else { (format!("link{}", i - 1), corner(i - 1)) };
+        let (parent, from) =
+            if i == 0 { ("world".into(), [0.0; 3]) } else { (format!("link{}", i - 1), corner(i - 1)) };
         let kind = if i == 0 { JointKind::Free } else { JointKind::Spherical };
         let translation = std::array::from_fn(|k| corner(i)[k] - from[k]);
         let joint = Joint::new(format!("ball{i}"), kind).at(Placement { translation, ..Placement::IDENTITY });
@@ -193,7 +196,8 @@ fn steps_are_reversible_and_stay_on_the_closures() {
             }
         }
         let of_q = largest(model.difference(&begin.q, &method.state().q));
-        let of_p = largest(begin.p.iter().zip(&method.state().p).map(|(a, b)| a + b)) / largest(begin.p.clone());
+        let of_p =
+            largest(begin.p.iter().zip(&method.state().p).map(|(a, b)| a + b)) / largest(begin.p.clone());
         println!(
             "{}: back within {of_q:.1e}, momenta {of_p:.1e}, closures open by {open:?}, {:.1} iterations",
             model.name(),
@@ -251,8 +255,13 @@ fn energy_does_not_drift() {
         let mean = tenths.iter().sum::<f64>() / 10.0;
         let spread = largest(tenths.iter().map(|e| e - mean)) / scale;
         // Slope of a line through the tenths, over the whole run.
-        let slope: f64 = tenths.iter().enumerate().map(|(i, e)| (i as f64 - 4.5) * (e - mean)).sum::<f64>() / 8.25;
-        println!("{}: {steps} steps, tenths {spread:.1e} of the kinetic energy, drift {:.1e}", model.name(), slope / scale);
+        let slope: f64 =
+            tenths.iter().enumerate().map(|(i, e)| (i as f64 - 4.5) * (e - mean)).sum::<f64>() / 8.25;
+        println!(
+            "{}: {steps} steps, tenths {spread:.1e} of the kinetic energy, drift {:.1e}",
+            model.name(),
+            slope / scale
+        );
         // Means over a tenth of a periodic motion differ by the part of a period that is cut off, of the second-order error.
         assert!((slope / scale).abs() < 2e-4 && spread < 2e-4, "{}: {tenths:?}", model.name());
     }

@@ -87,7 +87,8 @@ pub fn clustering(
     if let Some(angles) = angles {
         let triple = |angle: Vec<usize>| {
             <[usize; 3]>::try_from(angle).map_err(|angle| {
-                let message = format!("`angles` has a list of {} atoms, but triples are required", angle.len());
+                let message =
+                    format!("`angles` has a list of {} atoms, but triples are required", angle.len());
                 argument_error(py, "angles", Field::Index(angle.len()), "triples".into(), &message, None)
             })
         };

@@ -7,8 +7,8 @@ use crate::torsion_model::{Moving, OwnBath, TorsionModel, check_temperature};
 use numpy::PyArrayDyn;
 use phipsi::formats::dcd::{DcdError, DcdTiming, DcdWriter};
 use phipsi::molecule::{
-    BOLTZMANN, Bath, Distribution, Ensemble, FixmanPotential, MolecularError, MoleculeErrors, MoleculeError, Trials,
-    WithFixman, ensemble, temperature,
+    BOLTZMANN, Bath, Distribution, Ensemble, FixmanPotential, MolecularError, MoleculeError, MoleculeErrors,
+    Trials, WithFixman, ensemble, temperature,
 };
 use phipsi::motion::MidpointError;
 use phipsi::simulate::Row;

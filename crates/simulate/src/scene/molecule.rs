@@ -9,7 +9,7 @@ use phipsi_formats::{Note, Problem, Report};
 use phipsi_model::State;
 use phipsi_molecule::{
     Angles, BOLTZMANN, BondKind, Clustering, Clusters, Deviates, Distribution, FixmanForce, FixmanPotential,
-    ForceField, Hinges, MinimizeOptions, MolecularForces, MoleculeError, MoleculeErrors, PotentialForce, Rings,
+    ForceField, Hinges, MinimizeOptions, MolecularForces, MoleculeErrors, PotentialForce, Rings,
     TorsionModel, draw_velocities, read_molecule, satisfied_constraints, strain,
 };
 use phipsi_motion::Force;
@@ -104,8 +104,14 @@ pub(crate) fn read(
             if !look_at_start(&mut forces, &mut start, minimize, report) {
                 return Ok(None);
             }
-            let failed = |e| MoleculeErrors(vec![MoleculeError::new("start", format!("{e}"), "positions", "")]);
-            build(&stiff.positions(&start.q).map_err(failed)?, &clustering).map(Some)
+            match stiff.positions(&start.q) {
+                Ok(positions) => build(&positions, &clustering).map(Some),
+                Err(e) => {
+                    let remedy = "make the rings rigid";
+                    report.errors.push(Problem::new(None, "start", e.to_string(), "a configuration", remedy));
+                    Ok(None)
+                }
+            }
         });
         (torsion, kept) = match rebuilt {
             Ok(Some(built)) => built,
