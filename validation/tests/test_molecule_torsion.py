@@ -392,3 +392,37 @@ def test_several_molecules(tmp_path):
     r = t.run(50, dt_fs=1, seed=1)
     assert np.std(r.conserved) < 0.05 * np.std(r.kinetic_energy)
     assert repr(t).startswith("<phipsi.molecule.TorsionModel: 36 atoms")
+
+
+def test_flexible_rings_stay_closed(tmp_path):
+    """Proline: two degrees of freedom of pucker more than the rigid ring; closed to rounding; the distribution of loops."""
+    s = System.from_files(*unpack("ace_pro_nme", "vacuum", tmp_path))
+    rigid, t = TorsionModel(s), TorsionModel(s, rings="flexible")
+    assert t.degrees_of_freedom == rigid.degrees_of_freedom + 2
+    assert t.model.nv == t.degrees_of_freedom + 5
+    r = t.run(200, dt_fs=2, ensemble="langevin", temperature_K=300, seed=1)
+    assert r.degrees_of_freedom == t.degrees_of_freedom
+    assert np.abs(t.model.closure_residual(t.q)).max() < 1e-12
+    assert np.ptp(r.conserved) < 0.1
+    with pytest.raises(phipsi.ModelError, match="flexible rings"):
+        t.run(10, dt_fs=2, fixman=True)
+    with pytest.raises(phipsi.NumericalError, match="rigid rings"):
+        t.minimize()
+    with pytest.raises(phipsi.ArgumentError, match="flexible"):
+        TorsionModel(s, rings="floppy")
+
+
+def test_open_angles_and_cartesian_atoms(s):
+    """Bends are joints of the model; Cartesian coordinates have three for every atom."""
+    t = TorsionModel(s, clusters="torsion+angle")
+    plain = TorsionModel(s)
+    assert plain.degrees_of_freedom + 5 <= t.degrees_of_freedom <= plain.degrees_of_freedom + 7
+    assert TorsionModel(s, angles=[[4, 6, 8]]).degrees_of_freedom == plain.degrees_of_freedom + 1
+    assert np.ptp(t.run(100, dt_fs=1, seed=2).conserved) < 0.1
+    x = t.positions
+    again = TorsionModel(s, clusters="torsion+angle")
+    again.positions = x
+    assert np.abs(again.positions - x).max() < 1e-12
+    atoms = TorsionModel(s, clusters="cartesian")
+    assert atoms.degrees_of_freedom == 3 * len(x)
+    assert np.ptp(atoms.run(100, dt_fs=0.5, seed=3).conserved) < 2

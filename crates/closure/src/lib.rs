@@ -17,6 +17,7 @@ pub mod cut_joints;
 pub mod error;
 mod factors;
 mod frames;
+pub mod momenta;
 mod number;
 pub mod projection;
 mod reflections;
@@ -29,5 +30,6 @@ pub use closed_dynamics::{ClosedDynamics, ClosedInfo, ClosureMotion, Conditions,
 pub use cut_joints::{Cost, CutChoice, GraphJoint, TreeJoint, choose_cuts};
 pub use error::ClosureError;
 pub use factors::Redundant;
+pub use momenta::{ClosedMomenta, Openness};
 pub use projection::Projection;
 pub use solution::Inconsistency;

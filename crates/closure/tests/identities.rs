@@ -1,6 +1,6 @@
 //! Identities of the projection I − b̂b̂* and of the projections onto the closures, in double and in double-double numbers.
 
-use phipsi_closure::{ClosedDynamics, ClosureError, Conditions, Projection};
+use phipsi_closure::{ClosedDynamics, ClosedMomenta, ClosureError, Conditions, Projection};
 use phipsi_model::Random;
 use phipsi_reference::generate::Case;
 use phipsi_reference::loops::{ClosedCase, closed_case};
@@ -184,4 +184,98 @@ fn positions_are_projected() {
     println!("{refused} of {tried} not closed; at most {iterations} iterations");
     // Nearly singular ones may leave; none does so without saying it.
     assert!(refused * 50 <= tried, "{refused} of {tried}");
+}
+
+/// ln |det| by Gaussian elimination with partial pivoting.
+fn log_determinant(mut a: Vec<Vec<f64>>) -> f64 {
+    let n = a.len();
+    let mut log = 0.0;
+    for k in 0..n {
+        let pivot = (k..n).max_by(|i, j| a[*i][k].abs().total_cmp(&a[*j][k].abs())).expect("a row");
+        a.swap(k, pivot);
+        log += a[k][k].abs().ln();
+        let top = a[k].clone();
+        for row in &mut a[k + 1..] {
+            let factor = row[k] / top[k];
+            (k..n).for_each(|j| row[j] -= factor * top[j]);
+        }
+    }
+    log
+}
+
+/// 𝓜x = p, Jx = 0, p − f normal to all such x; and det 𝓜 det(J𝓜⁻¹J*) = |det| of the matrix with blocks 𝓜, J*, J, 0.
+#[test]
+fn momenta_are_those_of_dense_matrices() {
+    let mut regular = 0;
+    for seed in seeds() {
+        let closed = closed_case(seed);
+        let (model, q, n) = (&closed.case.model, &closed.case.q, closed.case.model.nv());
+        let mut dynamics = ClosedDynamics::<f64>::new(model).unwrap();
+        let (rows, length) = (dynamics.rows(), dynamics.length());
+        let (mut position, mut rates) = (vec![0.0; rows], vec![0.0; rows]);
+        let mut jacobian = vec![vec![0.0; n]; rows];
+        let m = phipsi_reference::mass_matrix(model, &widened(q));
+        for i in 0..n {
+            let mut v = vec![0.0; n];
+            v[i] = 1.0;
+            dynamics.residual(q, Some(&v), &Conditions::default(), &mut position, &mut rates).unwrap();
+            rates.iter().enumerate().for_each(|(r, x)| jacobian[r][i] = *x);
+        }
+        for (i, closure) in model.closures().iter().enumerate() {
+            let first = dynamics.closure(i).1.start;
+            for row in &mut jacobian[first..first + closure.kind.angular_rows()] {
+                row.iter_mut().for_each(|x| *x *= length);
+            }
+        }
+        let mut a = vec![0.0; n];
+        let still = vec![0.0; n];
+        let info = dynamics.run(q, &still, &still, &Conditions::default(), &mut a).unwrap().info();
+        let unit = (model.len() + n + rows) as f64 * growth(&closed.case) / info.smallest_pivot.min(1.0);
+        let allowed = unit * f64::EPSILON;
+
+        let mut momenta = ClosedMomenta::<f64>::new(model).unwrap();
+        momenta.place(q).unwrap();
+        assert_eq!(momenta.rank(), info.rank, "PHIPSI_SEED={seed}");
+        let mut random = Random::new(seed);
+        let f: Vec<f64> = (0..n).map(|_| random.signed()).collect();
+        let (mut x, mut p) = (vec![0.0; n], vec![0.0; n]);
+        momenta.solve(&f, None, &mut x, &mut p).unwrap();
+        let product = |x: &[f64]| -> Vec<f64> {
+            (0..n)
+                .map(|i| (0..n).fold(Dd::from_f64(0.0), |s, j| s + m[(i, j)] * Dd::from_f64(x[j])).hi)
+                .collect()
+        };
+        let size = largest(f.iter().copied()).max(largest(p.iter().copied()));
+        let off = largest(product(&x).iter().zip(&p).map(|(a, b)| a - b));
+        assert!(off <= allowed * size, "PHIPSI_SEED={seed}: 𝓜x − p = {off:e}");
+        let scale = largest(jacobian.iter().flatten().copied()) * largest(x.iter().copied());
+        let open = largest(jacobian.iter().map(|row| row.iter().zip(&x).map(|(a, b)| a * b).sum::<f64>()));
+        assert!(open <= allowed * scale, "PHIPSI_SEED={seed}: Jx = {open:e}");
+        // A second tangent vector.
+        let g: Vec<f64> = (0..n).map(|_| random.signed()).collect();
+        let (mut y, mut unused) = (vec![0.0; n], vec![0.0; n]);
+        momenta.solve(&g, None, &mut y, &mut unused).unwrap();
+        let normal: f64 = (0..n).map(|i| (p[i] - f[i]) * y[i]).sum();
+        let terms: f64 =
+            (0..n).map(|i| ((p[i] - f[i]) * y[i]).abs()).sum::<f64>() + size * largest(y.clone());
+        assert!(normal.abs() <= allowed * terms, "PHIPSI_SEED={seed}: {normal:e}");
+
+        match momenta.log_determinant() {
+            None => assert!(info.rank < rows, "PHIPSI_SEED={seed}"),
+            Some(log) => {
+                regular += 1;
+                let mut kkt = vec![vec![0.0; n + rows]; n + rows];
+                for i in 0..n {
+                    (0..n).for_each(|j| kkt[i][j] = m[(i, j)].hi);
+                    for (r, row) in jacobian.iter().enumerate() {
+                        (kkt[i][n + r], kkt[n + r][i]) = (row[i], row[i]);
+                    }
+                }
+                let dense = log_determinant(kkt);
+                // A logarithm errs by the relative errors of all pivots.
+                assert!((log - dense).abs() <= allowed.max(1e-9), "PHIPSI_SEED={seed}: {log} {dense}");
+            }
+        }
+    }
+    assert!(regular > 20 || seeds().len() == 1, "{regular}");
 }

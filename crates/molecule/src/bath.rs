@@ -66,6 +66,15 @@ impl Bath {
             let remedy = "give a temperature above zero, or take constant energy";
             return Err(MoleculeError::new("temperature", found, "a positive finite number", remedy));
         }
+        let singular = |e: DynamicsError| {
+            MoleculeError::new("model", e.to_string(), "a regular mass matrix", "lock the named hinge")
+        };
+        let constrained = method.model().nv() - method.degrees_of_freedom().map_err(singular)?;
+        if let (Ensemble::NoseHoover { .. }, true) = (ensemble, method.loops().map_err(singular)?.is_some()) {
+            let (found, required) = ("nose_hoover with flexible rings", "langevin, hmc or nve");
+            let remedy = "chains of bases and hinges would tear the rings' momenta apart: take \"langevin\"";
+            return Err(MoleculeError::new("ensemble", found, required, remedy));
+        }
         let mut removed = 0;
         if let Ensemble::NoseHoover { .. } = ensemble
             && is_translation_free(method.layout())
@@ -73,14 +82,6 @@ impl Bath {
             removed = 3;
             let mut p = method.state().p.clone();
             if remove_momentum(method.layout(), &method.state().q, &mut p) > 0.0 {
-                let singular = |e: DynamicsError| {
-                    MoleculeError::new(
-                        "model",
-                        e.to_string(),
-                        "a regular mass matrix",
-                        "lock the named hinge",
-                    )
-                };
                 method.set_momenta(&p).map_err(singular)?;
             }
         }
@@ -99,7 +100,7 @@ impl Bath {
             chains,
             trials: Trials::default(),
             in_a_row: 0,
-            removed,
+            removed: removed + constrained,
             exchange: Exchange::new(method),
             thermostats,
             trajectory: Trajectory::new(method),
@@ -126,8 +127,8 @@ impl Bath {
     pub fn trials(&self) -> &Trials {
         &self.trials
     }
-    /// Degrees of freedom that are coupled to the bath: nv, less three where the common momentum is zero. 2 K/(n k) is the
-    /// temperature.
+    /// Degrees of freedom that are coupled to the bath: nv, less the rows that close rings, less three where the common momentum
+    /// is zero. 2 K/(n k) is the temperature.
     pub fn degrees_of_freedom(&self) -> usize {
         self.saved.p.len() - self.removed
     }

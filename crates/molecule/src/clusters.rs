@@ -2,41 +2,20 @@
 //!
 //! A hinge is a bond about which its two sides turn. By default these are all bonds that lie on no ring and have more than
 //! one atom on either side. A hinge is locked, and said to be, if one of its clusters lies on one line with all its hinges:
-//! turning about that line moves nothing.
+//! turning about that line moves nothing. Bonds of flexible rings are hinges too, one of each ring a closure (`rings.rs`); a
+//! hinge may bend besides, which opens a bond angle (`angles.rs`).
 
+use crate::angles::{Angles, Bend};
 use crate::atoms::{Atoms, MoleculeError, MoleculeErrors};
 use crate::bond_kind::{BondKind, Chemistry};
 use crate::bridges::bridges;
+use crate::clustering::{Clustering, Hinges, check_clustering};
+use crate::rings::{Rings, SMALL};
 use phipsi_spatial::Vec3;
 
 /// Atoms nearer than this to a line (nm) lie on it: a rotor that close to its axis has less than a tenth of the inertia of
 /// a hydroxyl and would set the time step. Five degrees of a bond to hydrogen.
 const LINEAR: f64 = 0.01;
-
-/// Which bonds are hinges, before kinds and groups are taken out.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum Hinges {
-    /// All bonds that lie on no ring and have more than one atom on either side.
-    #[default]
-    Rotatable,
-    /// These bonds.
-    Bonds(Vec<[usize; 2]>),
-    /// All bonds between different ones of these clusters; every atom is in one of them.
-    Clusters(Vec<Vec<usize>>),
-}
-
-/// How to divide molecules into clusters.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Clustering {
-    /// The hinges to start from.
-    pub hinges: Hinges,
-    /// Kinds of bonds that stay rigid.
-    pub rigid: Vec<BondKind>,
-    /// Atoms that move as one body; hinges between them, and on rings that this closes, are locked.
-    pub groups: Vec<Vec<usize>>,
-    /// Atoms that move as points, tied to others by forces only.
-    pub free: Vec<usize>,
-}
 
 /// A hinge between two clusters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,6 +26,10 @@ pub struct HingeBond {
     pub clusters: [usize; 2],
     /// Its kind.
     pub kind: BondKind,
+    /// Its sides turn about the bond; otherwise they bend only.
+    pub turns: bool,
+    /// The angle that is open at one of its ends.
+    pub bend: Option<Bend>,
 }
 
 /// A hinge that was asked for and does not turn.
@@ -67,6 +50,9 @@ pub struct Clusters {
     pub cluster_of: Vec<usize>,
     /// Hinges, in the order of the bonds.
     pub hinges: Vec<HingeBond>,
+    /// Bonds of flexible rings at which the rings are cut, and closed again: length and both adjacent angles are kept, the sides
+    /// turn about the bond.
+    pub closures: Vec<HingeBond>,
     /// Hinges that were locked.
     pub locked: Vec<LockedHinge>,
 }
@@ -123,64 +109,33 @@ impl Clusters {
         }
         let mut division = Division::new(atoms, clustering);
         division.choose(clustering)?;
-        division.lock_rings(clustering)?;
-        division.lock_linear(positions);
-        Ok(division.finish())
+        division.lock_rings(clustering, positions)?;
+        division.lock_linear(positions, &clustering.angles);
+        let small = std::mem::take(&mut division.small);
+        let mut clusters = division.finish();
+        clusters.open_angles(atoms, positions, &clustering.angles, &small)?;
+        Ok(clusters)
     }
-    /// Number of degrees of freedom that the hinges have; bases not counted.
+    /// Number of hinges that turn.
     pub fn torsions(&self) -> usize {
-        self.hinges.len()
+        self.hinges.iter().filter(|h| h.turns).count()
     }
-}
-
-fn check_clustering(atoms: &Atoms, clustering: &Clustering) -> Vec<MoleculeError> {
-    let n = atoms.len();
-    let mut found = Vec::new();
-    let mut check = |what: &str, list: &mut dyn Iterator<Item = &usize>| {
-        for &i in list.filter(|&&i| i >= n) {
-            found.push(MoleculeError::new(
-                what,
-                format!("atom {i}"),
-                format!("atoms of 0…{}", n.saturating_sub(1)),
-                "correct the index; atoms count from 0",
-            ));
-        }
-    };
-    check("free", &mut clustering.free.iter());
-    check("groups", &mut clustering.groups.iter().flatten());
-    match &clustering.hinges {
-        Hinges::Rotatable => {}
-        Hinges::Bonds(bonds) => {
-            check("hinges", &mut bonds.iter().flatten());
-            let sorted = |b: &[usize; 2]| [b[0].min(b[1]), b[0].max(b[1])];
-            let known: std::collections::HashSet<_> = atoms.bonds.iter().map(sorted).collect();
-            for bond in bonds.iter().filter(|b| b.iter().all(|&i| i < n) && !known.contains(&sorted(b))) {
-                found.push(MoleculeError::new(
-                    "hinges",
-                    format!("{}, which is no bond", atoms.bond_label(*bond)),
-                    "two bonded atoms",
-                    "name the two atoms of a bond",
-                ));
-            }
-        }
-        Hinges::Clusters(clusters) => {
-            check("clusters", &mut clusters.iter().flatten());
-            let mut times = vec![0usize; n];
-            clusters.iter().flatten().filter(|&&i| i < n).for_each(|&i| times[i] += 1);
-            for &i in clustering.free.iter().filter(|&&i| i < n) {
-                times[i] += 1;
-            }
-            for (i, times) in times.iter().enumerate().filter(|(_, times)| **times != 1) {
-                found.push(MoleculeError::new(
-                    format!("atom {}", atoms.label(i)),
-                    format!("in {times} clusters"),
-                    "every atom in one cluster, or free",
-                    "add it to a cluster, or remove it from the others",
-                ));
-            }
-        }
+    /// Number of open bond angles.
+    pub fn bends(&self) -> usize {
+        self.hinges.iter().filter(|h| h.bend.is_some()).count()
     }
-    found
+    /// Atoms at rest in each cluster: its own, and the far ends of its hinges that do not bend on this side.
+    pub fn at_rest(&self) -> Vec<Vec<usize>> {
+        let mut at_rest = self.clusters.clone();
+        for hinge in &self.hinges {
+            for side in 0..2 {
+                if hinge.bend.is_none_or(|b| b.center == hinge.atoms[1 - side]) {
+                    at_rest[hinge.clusters[side]].push(hinge.atoms[1 - side]);
+                }
+            }
+        }
+        at_rest
+    }
 }
 
 /// Work in progress: clusters as a union-find of atoms, hinges as indices of bonds.
@@ -190,6 +145,11 @@ struct Division<'a> {
     is_free: Vec<bool>,
     union: Union,
     hinges: Vec<usize>,
+    closures: Vec<usize>,
+    /// Hinges whose torsion is not asked for: an angle at them is.
+    bent_only: Vec<usize>,
+    /// Small flexible rings, whose angles have to give way.
+    small: Vec<Vec<usize>>,
     locked: Vec<LockedHinge>,
 }
 
@@ -203,6 +163,9 @@ impl<'a> Division<'a> {
             is_free,
             union: Union((0..atoms.len()).collect()),
             hinges: Vec::new(),
+            closures: Vec::new(),
+            bent_only: Vec::new(),
+            small: Vec::new(),
             locked: Vec::new(),
         }
     }
@@ -218,7 +181,7 @@ impl<'a> Division<'a> {
         let sides = bridges(self.atoms.len(), bonds);
         let sorted = |b: &[usize; 2]| [b[0].min(b[1]), b[0].max(b[1])];
         let mut in_ring = Vec::new();
-        let is_hinge: Vec<bool> = match &clustering.hinges {
+        let mut is_hinge: Vec<bool> = match &clustering.hinges {
             Hinges::Rotatable => sides.iter().map(|s| s.is_bridge && s.smaller > 1).collect(),
             Hinges::Bonds(wanted) => {
                 let wanted: std::collections::HashSet<_> = wanted.iter().map(sorted).collect();
@@ -235,6 +198,22 @@ impl<'a> Division<'a> {
                 bonds.iter().map(|b| cluster[b[0]] != cluster[b[1]]).collect()
             }
         };
+        let mut flexible = vec![false; bonds.len()];
+        for (b, bond) in bonds.iter().enumerate().filter(|(b, _)| !sides[*b].is_bridge) {
+            let Some(ring) = clustering.rings.ring_of(self.atoms, &self.neighbors, *bond) else { continue };
+            flexible[b] = true;
+            if matches!(clustering.hinges, Hinges::Rotatable) {
+                is_hinge[b] = true;
+            }
+            if is_hinge[b] && ring.len() <= SMALL && !self.small.contains(&ring) {
+                self.small.push(ring);
+            }
+        }
+        for (b, bond) in bonds.iter().enumerate().filter(|(b, _)| sides[*b].is_bridge) {
+            if !is_hinge[b] && clustering.angles.opens(*bond) {
+                is_hinge[b] = true;
+            }
+        }
         let chemistry = Chemistry::new(self.atoms, &self.neighbors);
         for (b, bond) in bonds.iter().enumerate() {
             if !self.ties(bond) {
@@ -242,7 +221,7 @@ impl<'a> Division<'a> {
             }
             if is_hinge[b] && !clustering.rigid.contains(&chemistry.kind(*bond)) {
                 self.hinges.push(b);
-                if !sides[b].is_bridge {
+                if !sides[b].is_bridge && !flexible[b] {
                     in_ring.push(b);
                 }
             } else {
@@ -256,41 +235,98 @@ impl<'a> Division<'a> {
             MoleculeError::new(
                 format!("hinge {}", self.atoms.bond_label(bonds[b])),
                 "it lies on a ring",
-                "hinges outside rings: the torsion model closes no rings",
-                "take it from the hinges, or put the atoms of the ring into one cluster",
+                "hinges outside rings, or a flexible ring",
+                "make the ring flexible (`rings`), take it from the hinges, or put the atoms of the ring into one cluster",
             )
         };
         Err(MoleculeErrors(in_ring.iter().map(error).collect()))
     }
 
-    /// Hinges on rings of clusters: groups close such rings, clusters of the user's must not.
-    fn lock_rings(&mut self, clustering: &Clustering) -> Result<(), MoleculeErrors> {
+    /// Hinges on rings of clusters. Those between atoms of one group are locked; of a flexible ring one is a closure; other
+    /// such rings are closed by groups, or must not be.
+    fn lock_rings(&mut self, clustering: &Clustering, positions: &[Vec3<f64>]) -> Result<(), MoleculeErrors> {
         for group in &clustering.groups {
             for &i in group {
                 self.union.join(group[0], i);
             }
         }
-        let ends: Vec<[usize; 2]> = self.hinges.clone().into_iter().map(|b| self.ends(b)).collect();
+        let hinges = std::mem::take(&mut self.hinges);
+        let ends: Vec<[usize; 2]> = hinges.iter().map(|&b| self.ends(b)).collect();
         let sides = bridges(self.atoms.len(), &ends);
-        let mut kept = Vec::new();
         let mut errors = Vec::new();
-        for (h, &b) in self.hinges.clone().iter().enumerate() {
+        let mut cyclic = Vec::new();
+        for (h, &b) in hinges.iter().enumerate() {
             let bond = self.atoms.bonds[b];
             if sides[h].is_bridge {
-                kept.push(b);
+                self.hinges.push(b);
+            } else if clustering.rings.includes(bond) && ends[h][0] != ends[h][1] {
+                cyclic.push(b);
             } else if clustering.groups.is_empty() {
                 errors.push(MoleculeError::new(
                     format!("hinge {}", self.atoms.bond_label(bond)),
                     "its two clusters are also joined by other hinges",
-                    "clusters without rings between them: the torsion model closes no rings",
-                    "put the atoms of the ring into one cluster",
+                    "clusters without rings between them, or flexible rings",
+                    "make the ring flexible (`rings`), or put the atoms of the ring into one cluster",
                 ));
             } else {
                 self.lock(b, "both its sides are in one rigid group");
             }
         }
-        self.hinges = kept;
-        if errors.is_empty() { Ok(()) } else { Err(MoleculeErrors(errors)) }
+        if !errors.is_empty() {
+            return Err(MoleculeErrors(errors));
+        }
+        self.cut(cyclic, positions);
+        self.hinges.sort_unstable();
+        Ok(())
+    }
+
+    /// Divides hinges on rings into those of a tree and one closure for each ring; bonds that are good to cut come last.
+    fn cut(&mut self, mut cyclic: Vec<usize>, positions: &[Vec3<f64>]) {
+        let atoms = self.atoms;
+        // What a side keeps off the axis of its last hinge: its atoms, and hinges besides the bond that is cut.
+        let mut near: Vec<Vec<usize>> = vec![Vec::new(); atoms.len()];
+        for i in 0..atoms.len() {
+            near[self.union.find(i)].push(i);
+        }
+        for b in self.hinges.iter().chain(&cyclic).copied().collect::<Vec<_>>() {
+            let [i, j] = atoms.bonds[b];
+            let ends = self.ends(b);
+            near[ends[0]].push(j);
+            near[ends[1]].push(i);
+        }
+        let mut has_inertia = |b: usize| {
+            let [i, j] = atoms.bonds[b];
+            let ends = self.ends(b);
+            [(ends[0], j), (ends[1], i)].into_iter().all(|(c, far)| {
+                let kept = near[c].iter().filter(|&&a| a != far).map(|&a| positions[a]);
+                !is_linear(&kept.collect::<Vec<_>>())
+            })
+        };
+        let good: std::collections::HashSet<usize> =
+            cyclic.iter().copied().filter(|&b| has_inertia(b)).collect();
+        let rank = |b: usize| match good.contains(&b) {
+            true => 1 + Rings::cut_rank(atoms, &self.neighbors, atoms.bonds[b]),
+            false => 0,
+        };
+        cyclic.sort_by_key(|&b| (rank(b), b));
+        let mut joined = Union((0..atoms.len()).collect());
+        for i in 0..atoms.len() {
+            let root = self.union.find(i);
+            joined.join(root, i);
+        }
+        for &b in &self.hinges {
+            joined.join(atoms.bonds[b][0], atoms.bonds[b][1]);
+        }
+        for b in cyclic {
+            let [i, j] = atoms.bonds[b];
+            if joined.find(i) == joined.find(j) {
+                self.closures.push(b);
+            } else {
+                joined.join(i, j);
+                self.hinges.push(b);
+            }
+        }
+        self.closures.sort_unstable();
     }
 
     fn ends(&mut self, b: usize) -> [usize; 2] {
@@ -304,7 +340,7 @@ impl<'a> Division<'a> {
     }
 
     /// Locks one hinge of every cluster that lies on one line with its hinges, until there is none.
-    fn lock_linear(&mut self, positions: &[Vec3<f64>]) {
+    fn lock_linear(&mut self, positions: &[Vec3<f64>], angles: &Angles) {
         let mut members: Vec<Vec<usize>> = vec![Vec::new(); self.atoms.len()];
         for i in 0..self.atoms.len() {
             members[self.union.find(i)].push(i);
@@ -312,6 +348,11 @@ impl<'a> Division<'a> {
         let mut hinges_of: Vec<Vec<usize>> = vec![Vec::new(); self.atoms.len()];
         for &b in &self.hinges.clone() {
             self.ends(b).into_iter().for_each(|c| hinges_of[c].push(b));
+        }
+        // Bonds at which rings are closed keep their far ends at rest too, but cannot be locked.
+        let mut closed_at: Vec<Vec<usize>> = vec![Vec::new(); self.atoms.len()];
+        for &b in &self.closures.clone() {
+            self.ends(b).into_iter().for_each(|c| closed_at[c].push(b));
         }
         let mut open: Vec<usize> = (0..self.atoms.len()).rev().filter(|&c| !members[c].is_empty()).collect();
         let mut is_locked = vec![false; self.atoms.bonds.len()];
@@ -321,21 +362,27 @@ impl<'a> Division<'a> {
                 continue;
             }
             // The atoms at the far ends of hinges keep their places in the cluster too.
-            let bonds = hinges_of[c].iter().map(|&b| self.atoms.bonds[b]);
+            let bonds = hinges_of[c].iter().chain(&closed_at[c]).map(|&b| self.atoms.bonds[b]);
             let points: Vec<Vec3<f64>> =
                 members[c].iter().copied().chain(bonds.flatten()).map(|i| positions[i]).collect();
             if !is_linear(&points) {
                 continue;
             }
-            let b = hinges_of[c][0];
+            let Some(&b) = hinges_of[c].iter().find(|b| !self.bent_only.contains(b)) else { continue };
+            if angles.opens(self.atoms.bonds[b]) {
+                self.bent_only.push(b);
+                continue;
+            }
             let [one, other] = self.ends(b);
             is_locked[b] = true;
             self.lock(b, "its axis is the line on which all atoms of one side lie, which it would not move");
             let joined = self.union.find(one);
             let gone = if joined == one { other } else { one };
             let (moved, hinges) = (std::mem::take(&mut members[gone]), std::mem::take(&mut hinges_of[gone]));
+            let closures = std::mem::take(&mut closed_at[gone]);
             members[joined].extend(moved);
             hinges_of[joined].extend(hinges);
+            closed_at[joined].extend(closures);
             open.push(joined);
         }
         self.hinges.retain(|&b| !is_locked[b]);
@@ -358,10 +405,16 @@ impl<'a> Division<'a> {
         let chemistry = Chemistry::new(self.atoms, &self.neighbors);
         let hinge = |&b: &usize| {
             let atoms = self.atoms.bonds[b];
-            HingeBond { atoms, clusters: atoms.map(|i| cluster_of[i]), kind: chemistry.kind(atoms) }
+            HingeBond {
+                atoms,
+                clusters: atoms.map(|i| cluster_of[i]),
+                kind: chemistry.kind(atoms),
+                turns: !self.bent_only.contains(&b),
+                bend: None,
+            }
         };
-        let hinges = self.hinges.iter().map(hinge).collect();
-        Clusters { clusters, cluster_of, hinges, locked: self.locked }
+        let [hinges, closures] = [&self.hinges, &self.closures].map(|list| list.iter().map(hinge).collect());
+        Clusters { clusters, cluster_of, hinges, closures, locked: self.locked }
     }
 }
 

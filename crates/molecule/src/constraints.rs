@@ -15,12 +15,7 @@ pub fn satisfied_constraints(
     clusters: &Clusters,
     system: &System,
 ) -> Result<usize, MoleculeErrors> {
-    let mut at_rest: Vec<Vec<usize>> = clusters.clusters.clone();
-    for hinge in &clusters.hinges {
-        for side in 0..2 {
-            at_rest[hinge.clusters[side]].push(hinge.atoms[1 - side]);
-        }
-    }
+    let at_rest = clusters.at_rest();
     let mut errors = Vec::new();
     for c in &system.constraints {
         let kept = c.atoms.iter().any(|a| {

@@ -9,7 +9,14 @@
 //! Integrating e^(−(K+U)/kT) over the momenta gives √det M e^(−U/kT), the distribution of the rigid model. With U_F added to U
 //! the factor cancels: e^(−U/kT), the stiff limit, in coordinates whose measure is dq: hinge angles; Haar's for balls and
 //! bases. U_F acts in kicks and in the energy, never in the drift, and depends on the temperature.
+//!
+//! Open bond angles θ have the measure sin θ dθ, which the stiff limit keeps: U_F = ½ kT ln det M − kT Σ ln |sin θ|, with the
+//! force kT cot θ. On flexible rings the rigid model samples √(det M det(G M⁻¹ G*)) e^(−U/kT) δ(g):
+//! U_F = ½ kT ln[det M det(G M⁻¹ G*)] there, of which [`fixman_energy_of_rings`] has the energy and nothing yet the force.
 
+use crate::atoms::MoleculeError;
+use crate::torsion_model::TorsionModel;
+use phipsi_closure::ClosedMomenta;
 use phipsi_model::Model;
 use phipsi_motion::{Conservative, Force, ForceError, Loads, Needs, Situation};
 use phipsi_recursion::{DynamicsError, Layout, LogDeterminantGradient};
@@ -46,6 +53,19 @@ impl Distribution {
             Distribution::StiffLimit => "stiff limit: exp(-U/kT), with Fixman's potential 1/2 kT ln det M",
         }
     }
+    /// In a sentence, of a model with or without flexible rings and open angles.
+    pub fn describe_for(self, torsion: &TorsionModel) -> &'static str {
+        match self {
+            Distribution::Rigid if torsion.has_rings() => {
+                "rigid: sqrt(det M det(G M^-1 G^T)) exp(-U/kT) on the closed rings, without Fixman's potential"
+            }
+            Distribution::StiffLimit if torsion.open_angles().next().is_some() => {
+                "stiff limit: prod(sin theta) exp(-U/kT), with Fixman's potential 1/2 kT ln det M - kT sum ln sin theta of \
+                 the open angles"
+            }
+            other => other.describe(),
+        }
+    }
 }
 
 /// U_F and its generalised force.
@@ -55,13 +75,32 @@ pub struct FixmanPotential {
     kt: f64,
     work: LogDeterminantGradient<f64>,
     gradient: Vec<f64>,
+    /// Open angles: coordinate, degree of freedom, θ₀.
+    angles: Vec<(usize, usize, f64)>,
 }
 
 impl FixmanPotential {
     /// On a model, at a temperature: `kt` in the units of the model's energy.
     pub fn new(layout: &Layout<f64>, kt: f64) -> Self {
         let gradient = vec![0.0; layout.nv()];
-        FixmanPotential { layout: layout.clone(), kt, work: LogDeterminantGradient::new(layout), gradient }
+        let (layout, work) = (layout.clone(), LogDeterminantGradient::new(layout));
+        FixmanPotential { layout, kt, work, gradient, angles: Vec::new() }
+    }
+    /// On a molecule, with the part of its open angles.
+    ///
+    /// # Errors
+    /// [`MoleculeError`] for flexible rings.
+    pub fn of(torsion: &TorsionModel, kt: f64) -> Result<Self, MoleculeError> {
+        if torsion.has_rings() {
+            return Err(MoleculeError::new(
+                "Fixman's potential",
+                "flexible rings, whose force is not implemented",
+                "a molecule without flexible rings",
+                "keep the rings rigid, or sample the rigid model's distribution and weigh it by fixman_energy_of_rings",
+            ));
+        }
+        let angles = torsion.open_angles().collect();
+        Ok(FixmanPotential { angles, ..Self::new(torsion.layout(), kt) })
     }
     /// kT.
     pub fn kt(&self) -> f64 {
@@ -102,8 +141,32 @@ impl FixmanPotential {
         for (force, gradient) in forces.iter_mut().zip(&self.gradient) {
             *force -= 0.5 * self.kt * gradient;
         }
-        Ok(0.5 * self.kt * self.work.factors().log_determinant())
+        let mut energy = 0.5 * self.kt * self.work.factors().log_determinant();
+        for &(coordinate, dof, start) in &self.angles {
+            let (sin, cos) = (start + q[coordinate]).sin_cos();
+            energy -= self.kt * sin.abs().ln();
+            forces[dof] += self.kt * cos / sin;
+        }
+        Ok(energy)
     }
+}
+
+/// ½ kT ln[det M · det(G M⁻¹ G*)] on the flexible rings of a molecule, up to a constant: the rigid model's samples weighed by
+/// e^(−U_F/kT) are those of the stiff limit. Angular rows of G count times the model's length. `q`: nq, on the closures.
+/// Cost O(n).
+///
+/// # Errors
+/// [`DynamicsError`].
+///
+/// # Returns
+/// `None` where closures are redundant: the determinant is zero.
+pub fn fixman_energy_of_rings(
+    momenta: &mut ClosedMomenta<f64>,
+    q: &[f64],
+    kt: f64,
+) -> Result<Option<f64>, DynamicsError> {
+    momenta.place(q)?;
+    Ok(momenta.log_determinant().map(|log| 0.5 * kt * log))
 }
 
 /// Forces with Fixman's potential added where there is one.
@@ -158,14 +221,19 @@ impl FixmanForce {
 
     /// On a model, at a temperature: `kt` in the units of the model's energy.
     pub fn new(layout: &Layout<f64>, kt: f64) -> Self {
-        let potential = FixmanPotential::new(layout, kt);
-        let tau = vec![0.0; layout.nv()];
-        FixmanForce(RefCell::new(Cache { potential, q: Vec::new(), tau, energy: f64::NAN }))
+        FixmanPotential::new(layout, kt).into()
     }
     /// NaN where it has no value.
     fn energy(&self, at: &Situation<'_>) -> f64 {
         let mut cache = self.0.borrow_mut();
         if cache.at(at.q).is_ok() { cache.energy } else { f64::NAN }
+    }
+}
+
+impl From<FixmanPotential> for FixmanForce {
+    fn from(potential: FixmanPotential) -> Self {
+        let tau = vec![0.0; potential.layout.nv()];
+        FixmanForce(RefCell::new(Cache { potential, q: Vec::new(), tau, energy: f64::NAN }))
     }
 }
 

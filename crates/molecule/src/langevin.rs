@@ -9,6 +9,9 @@
 //! A drift that does not converge is refused: the momenta are reversed, a map that leaves e^(−H/kT) invariant as the step
 //! itself does, and the run goes on.
 //!
+//! On flexible rings momenta are projected onto the cotangent space of the closures afterwards, which projects the covariance
+//! kT M of the noise too.
+//!
 //! O leaves e^(−K/kT) invariant exactly, whatever h; the step between conserves it to second order. K before and after are
 //! known, so that the heat taken from the bath is too: E − heat changes by the error of the steps alone.
 
@@ -57,7 +60,8 @@ impl Exchange {
             v[i] = c * v[i] + of_v[i];
         }
         method.set_momenta_and_velocity(p, v)?;
-        let after = 0.5 * dot(p, v);
+        // With flexible rings the momenta are now those of the cotangent space.
+        let after = if method.loops()?.is_some() { method.kinetic_energy()? } else { 0.5 * dot(p, v) };
         Ok((after - before, after))
     }
     /// Reverses the momenta that were set last, at the configuration that the method has gone back to.

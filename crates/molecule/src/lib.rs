@@ -2,12 +2,14 @@
 //!
 //! Units are OpenMM's: nm, ps, Da, kJ/mol, e, K.
 
+mod angles;
 pub mod assembly;
 pub mod atoms;
 pub mod bath;
 pub mod bond_kind;
 mod bridges;
 mod center_of_mass;
+pub mod clustering;
 pub mod clusters;
 pub mod constraints;
 pub mod deviates;
@@ -23,26 +25,30 @@ pub mod minimize;
 pub mod molecular_forces;
 pub mod nose_hoover;
 pub mod potential;
+mod rings;
 mod roots;
 mod superpose;
 pub mod torsion_model;
 pub mod velocities;
 
+pub use angles::{Angles, Bend};
 pub use assembly::{Assembled, assemble};
 pub use atoms::{AtomName, Atoms, BOLTZMANN, MoleculeError, MoleculeErrors};
 pub use bath::{Bath, BathState};
 pub use bond_kind::BondKind;
-pub use clusters::{Clustering, Clusters, HingeBond, Hinges, LockedHinge};
+pub use clustering::{Clustering, Hinges};
+pub use clusters::{Clusters, HingeBond, LockedHinge};
 pub use constraints::satisfied_constraints;
 pub use deviates::{Deviates, DeviatesState};
 pub use ensemble::Ensemble;
 pub use files::{LoadedMolecule, Molecule, join, join_amber, read_molecule};
-pub use fixman::{Distribution, FixmanForce, FixmanPotential, WithFixman};
+pub use fixman::{Distribution, FixmanForce, FixmanPotential, WithFixman, fixman_energy_of_rings};
 pub use force_field::{ForceField, ForceFieldError, LeftOut, RigidGroups};
 pub use hybrid_monte_carlo::Trials;
 pub use lbfgs::{MinimizeOptions, Minimum};
 pub use minimize::{Strain, minimize, strain};
 pub use molecular_forces::{MolecularError, MolecularForces, PotentialForce};
 pub use potential::{Potential, PotentialError};
+pub use rings::Rings;
 pub use torsion_model::{GatherWorkspace, Poses, TorsionModel};
 pub use velocities::{draw_momenta, draw_velocities, sample_velocities, temperature};

@@ -19,6 +19,8 @@ pub enum MolecularError {
     Potential(PotentialError),
     /// A recursion failed.
     Dynamics(DynamicsError),
+    /// Minimisation of a molecule with flexible rings.
+    FlexibleRings,
 }
 
 impl fmt::Display for MolecularError {
@@ -26,6 +28,9 @@ impl fmt::Display for MolecularError {
         match self {
             MolecularError::Potential(e) => e.fmt(f),
             MolecularError::Dynamics(e) => e.fmt(f),
+            MolecularError::FlexibleRings => f.write_str(
+                "minimisation does not keep rings closed; minimise with rigid rings and start from its positions",
+            ),
         }
     }
 }

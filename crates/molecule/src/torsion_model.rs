@@ -10,11 +10,13 @@
 //! | clusters and hinges, or one rigid cluster | free, 6; the root is the cluster whose heaviest branch is lightest |
 //! | all atoms on one line, nothing to turn | refused: three angles about a line are one too many |
 
+use crate::angles::Bend;
 use crate::atoms::{Atoms, MoleculeError, MoleculeErrors};
-use crate::clusters::{Clusters, is_linear};
+use crate::clusters::{Clusters, HingeBond, is_linear};
 use crate::force_field::RigidGroups;
 use crate::roots::{Rooted, rooted};
-use phipsi_model::{Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement};
+use phipsi_closure::ClosedMomenta;
+use phipsi_model::{Body, Closure, ClosureKind, Inertia, Joint, JointKind, Model, ModelBuilder, Placement};
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{ArticulatedSweep, DynamicsError, Layout};
 use phipsi_spatial::{Motion, Sym3, Transform, Vec3, Wrench};
@@ -40,8 +42,13 @@ pub struct TorsionModel {
     pub(crate) sites: Vec<Vec<Site>>,
     /// Atoms of other bodies that are at rest in this one: the far ends of its hinges.
     pub(crate) far: Vec<Vec<Site>>,
-    /// The degree of freedom of each hinge.
+    /// The degree of freedom of each hinge: its torsion, or its bend where it does not turn.
     hinges: Vec<usize>,
+    /// The degree of freedom of each hinge's bend, and the angle at q = 0.
+    bends: Vec<Option<usize>>,
+    angles: Vec<Option<f64>>,
+    /// Independent rows of the closures at q = 0.
+    rank: usize,
 }
 
 /// Poses of the clusters at one configuration.
@@ -98,7 +105,9 @@ impl TorsionModel {
         let mut origins = vec![Vec3::zero(); clusters.clusters.len()];
         for step in &order {
             let c = step.cluster;
-            let origin = positions[step.atom];
+            // A bend turns about the atom at its angle, which is at rest on both sides.
+            let bend = step.hinge.and_then(|(h, _)| clusters.hinges[h].bend);
+            let origin = positions[bend.map_or(step.atom, |b| b.center)];
             origins[c] = origin;
             let members = &clusters.clusters[c];
             body_names[c] = names.body(atoms.label(step.atom));
@@ -110,8 +119,8 @@ impl TorsionModel {
                 Some((h, inboard)) => {
                     let parent = clusters.cluster_of[inboard];
                     joint_names[h] = names.joint(atoms.bond_label(clusters.hinges[h].atoms));
-                    let axis = (origin - positions[inboard]).0;
-                    (JointKind::Continuous { axis }, body_names[parent].clone(), origins[parent])
+                    let joint = hinge_joint(positions, &clusters.hinges[h], [inboard, step.atom]);
+                    (joint, body_names[parent].clone(), origins[parent])
                 }
             };
             let name = match step.hinge {
@@ -123,6 +132,10 @@ impl TorsionModel {
                 .body(Body::new(body_names[c].as_str(), inertia(atoms, positions, members, origin)))
                 .joint(Joint::new(name, joint).at(placement), parent, body_names[c].as_str());
         }
+        for closure in &clusters.closures {
+            let name = names.closure(atoms.bond_label(closure.atoms));
+            builder = builder.closure(ring_closure(positions, closure, name, &body_names, &origins));
+        }
         let model = builder.build().map_err(|errors| {
             let convert = |v: &phipsi_model::Violation| {
                 MoleculeError::new("model", v.to_string(), "a model", "correct the masses and positions")
@@ -132,8 +145,23 @@ impl TorsionModel {
         let index = |name: &String| model.find_body(name).ok().flatten().expect("a body that was just added");
         let bodies: Vec<usize> = body_names.iter().map(index).collect();
         let joint = |name: &String| model.find_joint(name).expect("a joint that was just added");
-        let hinges = joint_names.iter().map(|name| model.v_offset(joint(name))).collect();
-        let layout = Layout::new(&model);
+        let hinges: Vec<usize> = joint_names.iter().map(|name| model.v_offset(joint(name))).collect();
+        let mut bends = vec![None; hinges.len()];
+        let mut turns = hinges.clone();
+        for step in &order {
+            if let Some((h, inboard)) = step.hinge
+                && let Some(bend) = clusters.hinges[h].bend
+            {
+                // The bend is the first axis where the angle is on the inboard side.
+                let first = usize::from(bend.center != inboard);
+                let both = clusters.hinges[h].turns;
+                bends[h] = Some(hinges[h] + if both { first } else { 0 });
+                turns[h] = hinges[h] + if both { 1 - first } else { 0 };
+            }
+        }
+        let angle = |h: &HingeBond| h.bend.map(|b| angle(positions, h, b));
+        let angles = clusters.hinges.iter().map(angle).collect();
+        let layout = Layout::new(&model.clone().without_closures());
         let mut sites = vec![Vec::new(); layout.len()];
         let mut far = vec![Vec::new(); layout.len()];
         let site = |atom: usize, cluster: usize| {
@@ -144,13 +172,16 @@ impl TorsionModel {
             let (body, site) = site(atom, cluster);
             sites[body].push(site);
         }
-        for hinge in &clusters.hinges {
-            for side in 0..2 {
-                let (body, site) = site(hinge.atoms[1 - side], hinge.clusters[side]);
+        for (cluster, atoms) in clusters.at_rest().iter().enumerate() {
+            for &atom in atoms.iter().filter(|&&a| clusters.cluster_of[a] != cluster) {
+                let (body, site) = site(atom, cluster);
                 far[body].push(site);
             }
         }
-        Ok(TorsionModel { atoms: atoms.clone(), clusters, model, layout, bodies, sites, far, hinges })
+        let rank = rank(&model)?;
+        let hinges = turns;
+        let atoms = atoms.clone();
+        Ok(TorsionModel { atoms, clusters, model, layout, bodies, sites, far, hinges, bends, angles, rank })
     }
     /// The model: clusters as bodies, hinges as joints.
     pub fn model(&self) -> &Model {
@@ -172,13 +203,30 @@ impl TorsionModel {
     pub fn body_of_cluster(&self, cluster: usize) -> usize {
         self.bodies[cluster]
     }
-    /// The degree of freedom of a hinge, in the order of [`Clusters::hinges`].
+    /// The degree of freedom of a hinge, in the order of [`Clusters::hinges`]: its torsion, or its bend where it does not turn.
     pub fn hinge_dof(&self, hinge: usize) -> usize {
         self.hinges[hinge]
     }
-    /// Number of degrees of freedom: hinges, and six for each base (three for a single atom).
+    /// The open angles: coordinate q and degree of freedom of the bend β, and θ₀ (rad), the angle at q = 0: θ = θ₀ + β.
+    pub fn open_angles(&self) -> impl Iterator<Item = (usize, usize, f64)> {
+        self.bends.iter().zip(&self.angles).filter_map(|(dof, angle)| {
+            let dof = (*dof)?;
+            let (joint, component) = self.model.joint_of_velocity(dof);
+            Some((self.model.q_offset(joint) + component, dof, (*angle)?))
+        })
+    }
+    /// The degree of freedom of a hinge's bend.
+    pub fn bend_dof(&self, hinge: usize) -> Option<usize> {
+        self.bends[hinge]
+    }
+    /// True if flexible rings are closed by closures.
+    pub fn has_rings(&self) -> bool {
+        !self.clusters.closures.is_empty()
+    }
+    /// Number of degrees of freedom: torsions and bends of hinges, and six for each base (three for a single atom), less the
+    /// independent rows of the closures of flexible rings at q = 0.
     pub fn degrees_of_freedom(&self) -> usize {
-        self.model.nv()
+        self.model.nv() - self.rank
     }
     /// ln det M(q), in nm and Da; the same for every choice of roots. Cost O(n).
     ///
@@ -304,6 +352,70 @@ pub(crate) fn check(argument: &'static str, found: usize, expected: usize) -> Re
     if found == expected { Ok(()) } else { Err(DynamicsError::Shape { argument, expected, found }) }
 }
 
+/// The joint of a hinge between an inboard and an outboard atom: in the outboard one, or in the atom of an open angle.
+fn hinge_joint(positions: &[Vec3<f64>], hinge: &HingeBond, [inboard, outboard]: [usize; 2]) -> JointKind {
+    let along = (positions[outboard] - positions[inboard]).0;
+    let Some(Bend { reference, center }) = hinge.bend else { return JointKind::Continuous { axis: along } };
+    let other = if center == inboard { outboard } else { inboard };
+    let (to_h, to_j) = (positions[reference] - positions[center], positions[other] - positions[center]);
+    let normal = to_h.cross(to_j);
+    let normal = normal.scale(1.0 / normal.norm());
+    // The angle grows as j turns away from h, or h from j.
+    let bend = if center == inboard { normal.0 } else { (-normal).0 };
+    match (hinge.turns, center == inboard) {
+        (false, _) => JointKind::Continuous { axis: bend },
+        (true, true) => JointKind::Universal { axes: [bend, along] },
+        (true, false) => JointKind::Universal { axes: [along, bend] },
+    }
+}
+
+/// θ of an open angle.
+fn angle(positions: &[Vec3<f64>], hinge: &HingeBond, bend: Bend) -> f64 {
+    let other = if hinge.atoms[0] == bend.center { hinge.atoms[1] } else { hinge.atoms[0] };
+    let (u, w) =
+        (positions[bend.reference] - positions[bend.center], positions[other] - positions[bend.center]);
+    u.cross(w).norm().atan2(u.dot(w))
+}
+
+/// The cut bond of a ring: both atoms at one place of either side, which turn against each other about the bond.
+fn ring_closure(
+    positions: &[Vec3<f64>],
+    bond: &HingeBond,
+    name: String,
+    bodies: &[String],
+    origins: &[Vec3<f64>],
+) -> Closure {
+    let [i, j] = bond.atoms;
+    let [a, b] = bond.clusters;
+    // The turn that takes z to the bond.
+    let along = positions[j] - positions[i];
+    let [x, y, z] = along.scale(1.0 / along.norm()).0;
+    let rotation = if z > -0.5 { [-y, x, 0.0, 1.0 + z] } else { [1.0 - z, 0.0, x, y] };
+    let pose = |cluster: usize| Placement { translation: (positions[j] - origins[cluster]).0, rotation };
+    Closure {
+        name,
+        kind: ClosureKind::Revolute,
+        body_a: bodies[a].clone(),
+        pose_a: pose(a),
+        body_b: bodies[b].clone(),
+        pose_b: pose(b),
+    }
+}
+
+/// Independent rows of the closures at q = 0.
+fn rank(model: &Model) -> Result<usize, MoleculeErrors> {
+    if model.closures().is_empty() {
+        return Ok(0);
+    }
+    let failed = |e: &dyn std::fmt::Display| {
+        let remedy = "keep the named hinge, or the ring, rigid";
+        MoleculeErrors(vec![MoleculeError::new("flexible rings", e.to_string(), "loops that move", remedy)])
+    };
+    let mut momenta = ClosedMomenta::<f64>::new(model).map_err(|e| failed(&e))?;
+    momenta.place(&model.neutral::<f64>()).map_err(|e| failed(&e))?;
+    Ok(momenta.rank())
+}
+
 /// Point masses about a frame parallel to the world.
 fn inertia(atoms: &Atoms, positions: &[Vec3<f64>], members: &[usize], origin: Vec3<f64>) -> Inertia {
     let mass: f64 = members.iter().map(|&i| atoms.masses[i]).sum();
@@ -345,6 +457,7 @@ fn refuse_linear(
 struct Names {
     bodies: HashSet<String>,
     joints: HashSet<String>,
+    closures: HashSet<String>,
 }
 
 impl Names {
@@ -355,6 +468,9 @@ impl Names {
     }
     fn joint(&mut self, name: String) -> String {
         unused(&mut self.joints, name)
+    }
+    fn closure(&mut self, name: String) -> String {
+        unused(&mut self.closures, name)
     }
 }
 

@@ -7,5 +7,6 @@ mod ensembles;
 mod minimize;
 mod nve;
 mod pair_sums;
+mod rings;
 mod torsion_model;
 mod velocities;

@@ -191,6 +191,10 @@ impl Constraints {
             wide: if n > 0 { Some(Box::new(Wide::new(model)?)) } else { None },
         }))
     }
+    /// True if motions of joints or closures are given.
+    pub(crate) fn is_prescribed(&self) -> bool {
+        !(self.joints.is_empty() && self.rows.is_empty())
+    }
     /// Degrees of freedom whose motion is given.
     pub(crate) fn active(&self) -> &[bool] {
         &self.active

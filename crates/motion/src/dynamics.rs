@@ -3,9 +3,9 @@
 //! Auxiliary slots, in this order: the work of non-conservative forces (if the plan integrates it), the impulse of external
 //! forces (angular about the centre of mass, linear; world axes), then each force's own.
 
+use crate::conservative::Conservative;
 use crate::constraints::Constraints;
 use crate::force::{Force, ForceError, Loads, Situation};
-use crate::midpoint::Conservative;
 use crate::plan::Plan;
 use crate::prescription::Prescription;
 use crate::system::{Linearization, Projected, System, differences};
@@ -152,6 +152,10 @@ impl Dynamics {
     /// True if the model has loops or prescribed motions.
     pub fn is_constrained(&self) -> bool {
         matches!(self.solver, Solver::Constrained(_))
+    }
+    /// True if motions of joints or closures are given.
+    pub fn is_prescribed(&self) -> bool {
+        matches!(&self.solver, Solver::Constrained(c) if c.is_prescribed())
     }
     /// Degrees of freedom whose motion is given.
     pub fn active(&self) -> Vec<bool> {
@@ -469,8 +473,8 @@ impl Conservative for Dynamics {
     type Error = MotionError;
 
     fn evaluate(&mut self, q: &[f64], out: &mut [f64]) -> Result<f64, MotionError> {
-        if self.is_constrained() {
-            return Err(MotionError::Constrained);
+        if self.is_prescribed() {
+            return Err(MotionError::Driven);
         }
         if let Some(force) = self.forces.iter().find(|f| !f.needs().conservative || !f.auxiliary().is_empty())
         {

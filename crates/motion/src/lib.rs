@@ -4,6 +4,7 @@
 //! [`Dynamics`] is a model with its [`Force`]s; an [`Integrator`] advances it step by step; [`estimate_error`] says how wrong
 //! the end is.
 
+pub mod conservative;
 pub mod conserved;
 mod constraints;
 pub mod dynamics;
@@ -17,6 +18,7 @@ pub mod increment;
 pub mod integrate;
 mod lu;
 pub mod midpoint;
+pub mod midpoint_error;
 pub mod midpoint_maps;
 mod midpoint_mixing;
 pub mod midpoint_momentum;
@@ -31,6 +33,7 @@ pub mod system;
 pub mod tableau;
 pub mod wide;
 
+pub use conservative::Conservative;
 pub use conserved::{Balance, Conserved, balance};
 pub use dynamics::{Dynamics, MotionError};
 pub use error_estimate::{ErrorEstimate, JudgedRun, estimate_error};
@@ -38,7 +41,8 @@ pub use extrapolation::{Extrapolation, ExtrapolationError, coordinate_rate};
 pub use force::{Force, ForceError, Loads, Needs, Situation};
 pub use force_rates::{LoadRates, PointRates};
 pub use integrate::{IntegrateError, Integrator, IntegratorState, Method, StepInfo, Tolerances};
-pub use midpoint::{Conservative, DriftInfo, Midpoint, MidpointError, MidpointState};
+pub use midpoint::{DriftInfo, Midpoint, MidpointState};
+pub use midpoint_error::MidpointError;
 pub use plan::Plan;
 pub use prescription::{Course, MovingClosure, PrescribedJoint, Prescription};
 pub use signal::Signal;

@@ -11,98 +11,25 @@
 //! The drift is the discrete Lagrangian h K(q ∘ τ(hv/2), v) between two kicks: symplectic, time-reversible, of second order,
 //! with the momentum of a free tree exact, one force evaluation a step. v solves r(v) = 0 by d = M(q)⁻¹ r, contraction of
 //! size h |v|, with Anderson mixing of depth two in the metric M(q).
+//!
+//! With loops (RATTLE): multipliers at q, B*_{−x} y₋ = p̂ + J(q)* λ, put the end of the drift on the closures, Φ(q⁺) = 0, and
+//! the momenta at its end are projected onto the cotangent space there, J M⁻¹ p = 0. Still symplectic on the closures,
+//! reversible, of second order. The iteration is M d = r + J* λ, J d = Φ(q⁺)/h with the factors at q: d depends on v alone, so
+//! that the same mixing serves.
 
+use crate::conservative::{Conservative, evaluate};
+use crate::midpoint_error::MidpointError;
 use crate::midpoint_maps::{differential_adjoint, increment_adjoint, map_momenta};
 use crate::midpoint_mixing::Mixing;
 use crate::midpoint_momentum::MomentumSweep;
+use crate::system::Projected;
+use phipsi_closure::{ClosedMomenta, Conditions};
 use phipsi_model::Model;
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{ArticulatedSweep, DynamicsError, Layout};
-use std::fmt;
 
 /// A drift that has not converged by then does not: the contraction would have to be worse than 0.8.
 const MOST_ITERATIONS: usize = 100;
-
-/// Forces with a potential energy. Closures from (q, forces) to the energy are.
-pub trait Conservative {
-    /// Why there is no value.
-    type Error;
-    /// Writes the generalised forces −∂U/∂q along the joints' increments (nv) and returns the potential energy U.
-    ///
-    /// # Errors
-    /// The step is not made.
-    fn evaluate(&mut self, q: &[f64], forces: &mut [f64]) -> Result<f64, Self::Error>;
-}
-
-impl<E, F: FnMut(&[f64], &mut [f64]) -> Result<f64, E>> Conservative for F {
-    type Error = E;
-    fn evaluate(&mut self, q: &[f64], forces: &mut [f64]) -> Result<f64, E> {
-        self(q, forces)
-    }
-}
-
-/// Why a step could not be made; the state before it is intact.
-#[derive(Clone, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum MidpointError<E> {
-    /// The forces have no value.
-    Force {
-        /// Time at the end of the step.
-        t: f64,
-        /// Why.
-        cause: E,
-    },
-    /// A recursion failed.
-    Dynamics {
-        /// Time.
-        t: f64,
-        /// Why.
-        cause: DynamicsError,
-    },
-    /// Forces or potential energy are no finite numbers.
-    NotFinite {
-        /// Time at the end of the step.
-        t: f64,
-        /// The joint whose force it is; `None` for the potential energy.
-        joint: Option<String>,
-    },
-    /// The implicit drift does not converge.
-    NotConverged {
-        /// Time at the start of the step.
-        t: f64,
-        /// Step size.
-        h: f64,
-        /// Iterations made.
-        iterations: usize,
-        /// Size of the last correction relative to the velocity.
-        correction: f64,
-        /// The joint whose velocity was corrected most.
-        joint: String,
-    },
-}
-
-impl<E: fmt::Display> fmt::Display for MidpointError<E> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            MidpointError::Force { t, cause } => write!(f, "forces at t = {t}: {cause}"),
-            MidpointError::Dynamics { t, cause } => write!(f, "at t = {t}: {cause}"),
-            MidpointError::NotFinite { t, joint: Some(joint) } => {
-                write!(f, "at t = {t} the force on joint `{joint}` is not finite; take a smaller step")
-            }
-            MidpointError::NotFinite { t, joint: None } => {
-                write!(f, "at t = {t} the potential energy is not finite; take a smaller step")
-            }
-            MidpointError::NotConverged { t, h, iterations, correction, joint } => write!(
-                f,
-                "at t = {t} a drift of {h} has not converged in {iterations} iterations (last correction \
-                 {correction:.1e} of the velocity, most of it in joint `{joint}`); a drift must turn no joint far: \
-                 take a smaller step, or lock the fastest joint"
-            ),
-        }
-    }
-}
-
-impl<E: fmt::Display + fmt::Debug> std::error::Error for MidpointError<E> {}
 
 /// Everything that continues bit for bit.
 #[derive(Clone, Debug, PartialEq)]
@@ -174,6 +101,9 @@ pub struct Midpoint {
     sweep: ArticulatedSweep<f64>,
     /// The factors are those of the present q.
     factored: bool,
+    /// Loops, if there are any, and whether their factors are those of the present q.
+    closed: Option<Box<ClosedMomenta<f64>>>,
+    placed: bool,
     momentum: MomentumSweep<f64>,
     solve: SolveWorkspace<f64>,
     mixing: Mixing,
@@ -192,10 +122,10 @@ pub struct Midpoint {
 }
 
 impl Midpoint {
-    /// At configuration q with velocities v.
+    /// At configuration q with velocities v; with loops, at the nearest ones that keep the closures.
     ///
     /// # Errors
-    /// [`MidpointError`]: wrong lengths, closures, singular hinges, or forces without a value.
+    /// [`MidpointError`]: wrong lengths, loops that do not close from here, singular hinges, or forces without a value.
     pub fn new<C: Conservative>(
         model: &Model,
         system: &mut C,
@@ -204,50 +134,65 @@ impl Midpoint {
         v: &[f64],
     ) -> Result<Self, MidpointError<C::Error>> {
         let failed = |cause| MidpointError::Dynamics { t, cause };
-        let layout = Layout::new(model);
-        let sweep = ArticulatedSweep::new(&layout, q).map_err(failed)?;
-        let nv = model.nv();
+        let layout = Layout::new(&model.clone().without_closures());
+        let (nv, mut q) = (model.nv(), q.to_vec());
+        let mut closed = None;
+        if !(model.closures().is_empty() && model.couplings().is_empty()) {
+            let of_loops = |cause| MidpointError::of_loops(t, cause);
+            let mut momenta = ClosedMomenta::new(model).map_err(of_loops)?;
+            momenta.dynamics().project_position(&mut q, &Conditions::default()).map_err(of_loops)?;
+            closed = Some(Box::new(momenta));
+        }
+        let sweep = ArticulatedSweep::new(&layout, &q).map_err(failed)?;
         if v.len() != nv {
             return Err(failed(DynamicsError::Shape { argument: "v", expected: nv, found: v.len() }));
         }
         let mut forces = vec![0.0; nv];
-        let potential = system.evaluate(q, &mut forces).map_err(|cause| MidpointError::Force { t, cause })?;
+        let potential =
+            system.evaluate(&q, &mut forces).map_err(|cause| MidpointError::Force { t, cause })?;
         let mut momentum = MomentumSweep::new(&layout);
         let (mut p, mut g) = (vec![0.0; nv], vec![0.0; nv]);
-        momentum.run(&layout, q, v, &mut p, &mut g);
+        momentum.run(&layout, &q, v, &mut p, &mut g);
         let zeros = || vec![0.0; nv];
-        Ok(Midpoint {
-            state: MidpointState {
-                t,
-                q: q.to_vec(),
-                p,
-                forces,
-                potential,
-                guess: v.to_vec(),
-                steps: 0,
-                iterations: 0,
-            },
+        let state = MidpointState {
+            t,
+            q: q.clone(),
+            p: p.clone(),
+            forces,
+            potential,
+            guess: v.to_vec(),
+            steps: 0,
+            iterations: 0,
+        };
+        let mut method = Midpoint {
+            state,
             tolerance: 0.0,
             sweep,
             factored: true,
+            closed,
+            placed: false,
             momentum,
             solve: SolveWorkspace::new(&layout),
             mixing: Mixing::new(nv),
             v: zeros(),
-            velocity: zeros(),
+            velocity: v.to_vec(),
             x: zeros(),
             mu: zeros(),
             g,
             y: zeros(),
             r: zeros(),
             d: zeros(),
-            next_q: q.to_vec(),
+            next_q: q.clone(),
             next_p: zeros(),
             next_forces: zeros(),
-            middle: q.to_vec(),
+            middle: q,
             model: model.clone(),
             layout,
-        })
+        };
+        if method.closed.is_some() {
+            method.set_momenta(&p).map_err(failed)?;
+        }
+        Ok(method)
     }
     /// The model.
     pub fn model(&self) -> &Model {
@@ -268,11 +213,11 @@ impl Midpoint {
     pub fn restore(&mut self, state: MidpointState) -> Result<(), DynamicsError> {
         state.check(&self.model)?;
         self.state = state;
-        self.factored = false;
+        self.moved();
         Ok(())
     }
-    /// Sets the momenta, at the present configuration. The next drift starts to iterate from M⁻¹ p, so that what follows
-    /// depends on (q, p) alone.
+    /// Sets the momenta, at the present configuration; with loops, their part in the cotangent space of the closures. The next
+    /// drift starts to iterate from M⁻¹ p, so that what follows depends on (q, p) alone.
     ///
     /// # Errors
     /// [`DynamicsError`].
@@ -281,21 +226,30 @@ impl Midpoint {
             let (expected, found) = (self.state.p.len(), p.len());
             return Err(DynamicsError::Shape { argument: "p", expected, found });
         }
-        self.state.p.copy_from_slice(p);
-        self.velocity()?;
+        self.loops()?;
+        if let Some(closed) = &mut self.closed {
+            closed.solve(p, None, &mut self.velocity, &mut self.state.p)?;
+        } else {
+            self.state.p.copy_from_slice(p);
+            self.velocity()?;
+        }
         self.state.guess.copy_from_slice(&self.velocity);
         Ok(())
     }
-    /// Sets the momenta together with M⁻¹ p, where it is known: no solution is needed. The next drift starts to iterate from it.
+    /// Sets the momenta together with M⁻¹ p, where it is known: without loops no solution is needed. The next drift starts to
+    /// iterate from it.
     ///
     /// # Errors
-    /// [`DynamicsError::Shape`].
+    /// [`DynamicsError`].
     pub fn set_momenta_and_velocity(&mut self, p: &[f64], v: &[f64]) -> Result<(), DynamicsError> {
         let expected = self.state.p.len();
         for (argument, found) in [("p", p.len()), ("v", v.len())] {
             if found != expected {
                 return Err(DynamicsError::Shape { argument, expected, found });
             }
+        }
+        if self.closed.is_some() {
+            return self.set_momenta(p);
         }
         self.state.p.copy_from_slice(p);
         self.state.guess.copy_from_slice(v);
@@ -323,8 +277,40 @@ impl Midpoint {
     pub fn reset(&mut self, state: &MidpointState) -> Result<(), DynamicsError> {
         state.check(&self.model)?;
         self.state.copy(state);
-        self.factored = false;
+        self.moved();
         Ok(())
+    }
+    /// The state is another one.
+    fn moved(&mut self) {
+        (self.factored, self.placed) = (false, false);
+    }
+    /// Degrees of freedom: nv, less the independent rows of the closures at the present configuration.
+    ///
+    /// # Errors
+    /// [`DynamicsError::SingularHinge`].
+    pub fn degrees_of_freedom(&mut self) -> Result<usize, DynamicsError> {
+        Ok(self.model.nv() - self.loops()?.map_or(0, |closed| closed.rank()))
+    }
+    /// What is open of the closures and of their rates; `None` for a tree.
+    ///
+    /// # Errors
+    /// [`DynamicsError::SingularHinge`].
+    pub fn residual(&mut self) -> Result<Option<Projected>, DynamicsError> {
+        self.velocity()?;
+        let Some(closed) = &mut self.closed else { return Ok(None) };
+        let [position, velocity] = closed.residual(&self.state.q, &self.velocity)?;
+        Ok(Some(Projected { position, velocity, energy_removed: 0.0 }))
+    }
+    /// The loops with factors at the present configuration; `None` for a tree.
+    ///
+    /// # Errors
+    /// [`DynamicsError::SingularHinge`].
+    pub fn loops(&mut self) -> Result<Option<&mut ClosedMomenta<f64>>, DynamicsError> {
+        if let (Some(closed), false) = (&mut self.closed, self.placed) {
+            closed.place(&self.state.q)?;
+            self.placed = true;
+        }
+        Ok(self.closed.as_deref_mut())
     }
     /// The factors of M(q) at the present configuration: solutions, ln det M, deviates.
     ///
@@ -379,10 +365,19 @@ impl Midpoint {
         let info = self.drift(h)?;
         let t = self.state.t + h;
         let potential = evaluate(system, &self.layout, t, &self.next_q, &mut self.next_forces)?;
-        let s = &mut self.state;
-        for i in 0..s.p.len() {
-            s.p[i] = self.next_p[i] + 0.5 * h * self.next_forces[i];
+        for (p, force) in self.next_p.iter_mut().zip(&self.next_forces) {
+            *p += 0.5 * h * force;
         }
+        if let Some(closed) = &mut self.closed {
+            self.placed = false;
+            let placed = closed.place(&self.next_q);
+            placed
+                .and_then(|()| closed.solve(&self.next_p, None, &mut self.velocity, &mut self.y))
+                .map_err(|cause| MidpointError::Dynamics { t, cause })?;
+            std::mem::swap(&mut self.next_p, &mut self.y);
+        }
+        let s = &mut self.state;
+        std::mem::swap(&mut s.p, &mut self.next_p);
         std::mem::swap(&mut s.q, &mut self.next_q);
         std::mem::swap(&mut s.forces, &mut self.next_forces);
         s.guess.copy_from_slice(&self.v);
@@ -391,16 +386,16 @@ impl Midpoint {
         s.steps += 1;
         s.iterations += info.iterations as u64;
         self.factored = false;
+        self.placed = self.closed.is_some();
         Ok(info)
     }
 
     /// From (q of the state, `next_p`) to (`next_q`, `next_p`).
     fn drift<E>(&mut self, h: f64) -> Result<DriftInfo, MidpointError<E>> {
         let t = self.state.t;
-        self.factors().map_err(|cause| MidpointError::Dynamics { t, cause })?;
-        self.v.copy_from_slice(&self.state.guess);
-        self.mixing.restart();
-        let mut before = f64::INFINITY;
+        let failed = |cause| MidpointError::Dynamics { t, cause };
+        let floor = self.begin_drift().map_err(failed)?;
+        let (mut before, mut opened) = (f64::INFINITY, f64::INFINITY);
         let mut iterations = 0;
         loop {
             iterations += 1;
@@ -409,29 +404,62 @@ impl Midpoint {
             for (r, p) in self.r.iter_mut().zip(&self.next_p) {
                 *r -= p;
             }
-            self.d.copy_from_slice(&self.r);
-            self.sweep.solve_in_place(&self.layout, &mut self.d, &mut self.solve);
+            let is_closed = self.correct(h, &mut opened).map_err(failed)?;
             self.mixing.advance(&mut self.v, &self.r, &self.d);
-            let correction = (dot(&self.d, &self.r) / dot(&self.next_p, &self.v)).abs().sqrt();
+            let (square, speed) = (dot(&self.d, &self.r), dot(&self.next_p, &self.v).abs());
+            let size = square.abs().sqrt();
             // 0/0: a tree at rest.
-            let correction =
-                if correction.is_nan() && dot(&self.r, &self.r) == 0.0 { 0.0 } else { correction };
-            let rounding = correction < 1e4 * f64::EPSILON && correction > 0.5 * before;
-            if correction <= self.tolerance.max(4.0 * f64::EPSILON) || rounding {
+            let still = speed == 0.0 && dot(&self.r, &self.r) == 0.0;
+            let correction = if still { 0.0 } else { (square / speed).abs().sqrt() };
+            let limit = (1e4 * f64::EPSILON * speed.sqrt()).max(floor);
+            let rounding = size <= limit && size > 0.5 * before;
+            if is_closed && (correction <= self.tolerance.max(4.0 * f64::EPSILON) || rounding) {
                 self.middle(h);
                 self.end(h, 1.0);
                 std::mem::swap(&mut self.r, &mut self.next_p);
                 self.model.integrate_into(&self.state.q, &self.x, &mut self.next_q);
                 return Ok(DriftInfo { iterations, correction });
             }
-            before = correction;
-            if !correction.is_finite() || iterations == MOST_ITERATIONS {
+            before = size;
+            if !size.is_finite() || iterations == MOST_ITERATIONS {
                 let size = |i: &usize| (self.r[*i] * self.d[*i]).abs();
                 let worst = (0..self.d.len()).max_by(|a, b| size(a).total_cmp(&size(b)));
                 let joint = worst.map_or("", |i| self.layout.joint_of_velocity(i).0).to_string();
                 return Err(MidpointError::NotConverged { t, h, iterations, correction, joint });
             }
         }
+    }
+
+    /// Factors and first guess. Returns a correction, in the metric of M, that rounding of p̂ explains: where loops carry most
+    /// of p̂ it is large beside the velocity.
+    fn begin_drift(&mut self) -> Result<f64, DynamicsError> {
+        self.v.copy_from_slice(&self.state.guess);
+        self.mixing.restart();
+        self.factors()?;
+        if self.loops()?.is_none() {
+            return Ok(0.0);
+        }
+        self.y.copy_from_slice(&self.next_p);
+        self.sweep.solve_in_place(&self.layout, &mut self.y, &mut self.solve);
+        Ok(1e3 * f64::EPSILON * dot(&self.y, &self.next_p).abs().sqrt())
+    }
+
+    /// From r at the present v, the correction d and its momentum r = M d; false while the end of the drift is off the closures.
+    /// `opened`: the residual at the last iterate.
+    fn correct(&mut self, h: f64, opened: &mut f64) -> Result<bool, DynamicsError> {
+        let Some(closed) = &mut self.closed else {
+            self.d.copy_from_slice(&self.r);
+            self.sweep.solve_in_place(&self.layout, &mut self.d, &mut self.solve);
+            return Ok(true);
+        };
+        self.model.integrate_into(&self.state.q, &self.x, &mut self.next_q);
+        let open = closed.look(&self.next_q)?;
+        // A residual that is rounding moves v by ε/h and more: from there on it is left alone.
+        let is_closed = open.is_closed() || (open.may_be_rounding() && open.weighted > 0.5 * *opened);
+        *opened = open.weighted;
+        self.y.copy_from_slice(&self.r);
+        closed.solve(&self.y, (!is_closed).then_some(1.0 / h), &mut self.d, &mut self.r)?;
+        Ok(is_closed)
     }
 
     /// x, μ and g at the present v.
@@ -452,21 +480,6 @@ impl Midpoint {
         }
         map_momenta(&self.layout, increment_adjoint, s, &self.x, &self.y, &mut self.r);
     }
-}
-
-/// Forces and potential energy, if they are finite.
-fn evaluate<C: Conservative>(
-    system: &mut C,
-    layout: &Layout<f64>,
-    t: f64,
-    q: &[f64],
-    forces: &mut [f64],
-) -> Result<f64, MidpointError<C::Error>> {
-    let potential = system.evaluate(q, forces).map_err(|cause| MidpointError::Force { t, cause })?;
-    if let Some(i) = forces.iter().position(|f| !f.is_finite()) {
-        return Err(MidpointError::NotFinite { t, joint: Some(layout.joint_of_velocity(i).0.into()) });
-    }
-    if potential.is_finite() { Ok(potential) } else { Err(MidpointError::NotFinite { t, joint: None }) }
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

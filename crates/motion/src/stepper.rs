@@ -2,8 +2,9 @@
 
 use crate::dynamics::{Dynamics, MotionError};
 use crate::integrate::{IntegrateError, Integrator, IntegratorState, Method, StepInfo, Tolerances};
-use crate::midpoint::{Midpoint, MidpointError, MidpointState};
-use crate::system::System;
+use crate::midpoint::{Midpoint, MidpointState};
+use crate::midpoint_error::MidpointError;
+use crate::system::{Projected, System};
 use phipsi_model::{Model, State};
 use phipsi_recursion::DynamicsError;
 use std::fmt;
@@ -56,6 +57,7 @@ impl StepError {
             StepError::Midpoint(
                 MidpointError::Force { t, .. }
                 | MidpointError::Dynamics { t, .. }
+                | MidpointError::Closure { t, .. }
                 | MidpointError::NotFinite { t, .. }
                 | MidpointError::NotConverged { t, .. },
             ) => *t,
@@ -200,10 +202,21 @@ impl Stepper {
             Kind::Midpoint(m) => {
                 let t0 = m.t();
                 m.method.step(dynamics, m.step).map_err(StepError::Midpoint)?;
-                m.settle().map_err(|cause| StepError::Midpoint(MidpointError::Dynamics { t: t0, cause }))?;
-                Ok(StepInfo { t0, t1: m.t(), projected: None })
+                let failed = |cause| StepError::Midpoint(MidpointError::Dynamics { t: t0, cause });
+                m.settle().map_err(failed)?;
+                let projected = m.method.residual().map_err(failed)?;
+                Ok(StepInfo { t0, t1: m.t(), projected })
             }
         }
+    }
+    /// What is open of the closures of the midpoint method; `None` for trees and explicit methods.
+    ///
+    /// # Errors
+    /// [`StepError`] if the loops cannot be placed.
+    pub fn residual(&mut self) -> Result<Option<Projected>, StepError> {
+        let Kind::Midpoint(m) = &mut self.0 else { return Ok(None) };
+        let t = m.t();
+        m.method.residual().map_err(|cause| StepError::Midpoint(MidpointError::Dynamics { t, cause }))
     }
     /// The midpoint method with its step size, for what acts between steps or makes them; `None` for an explicit method.
     ///

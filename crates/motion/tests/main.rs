@@ -6,6 +6,7 @@ mod flexible;
 mod forces;
 mod integrators;
 mod midpoint;
+mod midpoint_loops;
 mod rosenbrock;
 mod slider_crank;
 mod wide;

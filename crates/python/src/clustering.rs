@@ -5,7 +5,7 @@ use crate::molecule::Loaded;
 use crate::report::{Problem, Report};
 use phipsi::formats::{self, Note};
 use phipsi::molecule::torsion_model::TorsionModel as Torsion;
-use phipsi::molecule::{BondKind, Clustering, Hinges, MoleculeErrors};
+use phipsi::molecule::{Angles, BondKind, Clustering, Hinges, MoleculeErrors, Rings};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
@@ -60,13 +60,40 @@ pub fn clustering(
     clusters: &Bound<'_, PyAny>,
     rigid: Option<&Bound<'_, PyAny>>,
     hinges: Option<&Bound<'_, PyAny>>,
+    (rings, angles): (Option<&Bound<'_, PyAny>>, Option<&Bound<'_, PyAny>>),
 ) -> PyResult<Clustering> {
     let py = clusters.py();
     let mut clustering = Clustering::default();
     match clusters.cast::<PyString>() {
         Ok(word) if word == "torsion" => {}
-        Ok(word) => return Err(choice_error(py, "clusters", &word.to_string_lossy(), &["torsion"])),
+        Ok(word) if word == "torsion+angle" => clustering.angles = Angles::AtHinges,
+        Ok(word) if word == "cartesian" => clustering = Clustering::cartesian(loaded.molecule.atoms.len()),
+        Ok(word) => {
+            let words = ["torsion", "torsion+angle", "cartesian"];
+            return Err(choice_error(py, "clusters", &word.to_string_lossy(), &words));
+        }
         Err(_) => clustering.hinges = Hinges::Clusters(atom_lists(loaded, clusters, "clusters")?),
+    }
+    if let Some(rings) = rings {
+        clustering.rings = match rings.cast::<PyString>() {
+            Ok(word) if word == "rigid" => Rings::Rigid,
+            Ok(word) if word == "flexible" => Rings::Flexible,
+            Ok(word) => {
+                return Err(choice_error(py, "rings", &word.to_string_lossy(), &["rigid", "flexible"]));
+            }
+            Err(_) => Rings::Listed(atom_lists(loaded, rings, "rings")?),
+        };
+    }
+    if let Some(angles) = angles {
+        let triple = |angle: Vec<usize>| {
+            <[usize; 3]>::try_from(angle).map_err(|angle| {
+                let message =
+                    format!("`angles` has a list of {} atoms, but triples are required", angle.len());
+                argument_error(py, "angles", Field::Index(angle.len()), "triples".into(), &message, None)
+            })
+        };
+        let angles = atom_lists(loaded, angles, "angles")?;
+        clustering.angles = Angles::Listed(angles.into_iter().map(triple).collect::<PyResult<_>>()?);
     }
     if let Some(hinges) = hinges {
         if !matches!(clustering.hinges, Hinges::Rotatable) {
@@ -114,6 +141,13 @@ pub fn report(torsion: &Torsion, kept: usize) -> Report {
         torsion.degrees_of_freedom()
     );
     report.used.push(Note::new(None, "molecule", what));
+    for ring in &clusters.closures {
+        let place = format!("ring at {}", torsion.atoms().bond_label(ring.atoms));
+        report.used.push(Note::new(None, place, "flexible, closed at this bond"));
+    }
+    if clusters.bends() > 0 {
+        report.used.push(Note::new(None, "angles", format!("{} are open", clusters.bends())));
+    }
     if kept > 0 {
         report.used.push(Note::new(None, "constraints", format!("{kept} are satisfied by the clusters")));
     }

@@ -57,11 +57,14 @@ pub struct OwnBath {
 /// ----------
 /// s : a System.
 /// positions : (n_atoms, 3), nm; None: those of the file.
-/// clusters : "torsion" or None: every bond outside rings with more than one atom on either side is a hinge; or lists of atoms, one
-///     for each cluster.
+/// clusters : "torsion" or None: every bond outside rings with more than one atom on either side is a hinge; "torsion+angle": the
+///     bond angle before each hinge is open too; "cartesian": every atom by itself; or lists of atoms, one for each cluster.
 /// rigid : kinds of bonds that stay rigid ("omega", "planar", "methyl", "backbone_phi", "backbone_psi", "chi"), and lists of
 ///     atoms that move as one body. Atoms are indices or names such as "ALA2:CA".
 /// hinges : the bonds that are hinges, pairs of atoms, in place of all rotatable ones.
+/// rings : "rigid" or None; "flexible": rings that are not aromatic turn about their bonds and are closed at one of them; or lists
+///     of atoms whose rings do.
+/// angles : bond angles that are open, triples of atoms h, i, j: the hinge i-j bends against h-i.
 /// forces : what gives energy and forces in place of the System's terms: a function forces(positions) -> (energy, forces) of
 ///     (n_atoms, 3), nm, in kJ/mol and kJ/mol/nm, or an openmm.Context of the same particles. Called once a step. What it raises
 ///     comes out as it is; the model then has its last good state.
@@ -218,7 +221,8 @@ impl Moving {
 #[pymethods]
 impl TorsionModel {
     #[new]
-    #[pyo3(signature = (s, positions = None, clusters = None, rigid = None, hinges = None, forces = None))]
+    #[pyo3(signature = (s, positions = None, clusters = None, rigid = None, hinges = None, rings = None, angles = None, forces = None))]
+    #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
         s: &Bound<'_, System>,
@@ -226,6 +230,8 @@ impl TorsionModel {
         clusters: Option<&Bound<'_, PyAny>>,
         rigid: Option<&Bound<'_, PyAny>>,
         hinges: Option<&Bound<'_, PyAny>>,
+        rings: Option<&Bound<'_, PyAny>>,
+        angles: Option<&Bound<'_, PyAny>>,
         forces: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let loaded = s.get().loaded();
@@ -234,7 +240,7 @@ impl TorsionModel {
         let mut x = vec![Vec3::zero(); loaded.molecule.atoms.len()];
         vectors(positions.at(0), &mut x);
         let word = PyString::new(py, "torsion").into_any();
-        let clustering = clustering(&loaded, clusters.unwrap_or(&word), rigid, hinges)?;
+        let clustering = clustering(&loaded, clusters.unwrap_or(&word), rigid, hinges, (rings, angles))?;
         let built = py.detach(|| {
             let atoms = &loaded.molecule.atoms;
             let clusters = Clusters::new(atoms, &x, &clustering)?;
@@ -273,7 +279,8 @@ impl TorsionModel {
     fn model(&self, py: Python<'_>) -> Py<Model> {
         self.model.clone_ref(py)
     }
-    /// Number of degrees of freedom: hinges, and 6 for every molecule (3 for a single atom).
+    /// Number of degrees of freedom: hinges and open angles, and 6 for every molecule (3 for a single atom), less what closes
+    /// flexible rings.
     #[getter]
     fn degrees_of_freedom(&self) -> usize {
         self.torsion.degrees_of_freedom()

@@ -1,6 +1,7 @@
 //! `TorsionModel.run`: dynamics in torsions, and its result.
 
 use crate::batch::array;
+use crate::clustering::molecule_error;
 use crate::engine::Engine;
 use crate::errors::{Field, argument_error, choice_error, dynamics_error};
 use crate::pickle::{Reduced, item, reduced};
@@ -9,8 +10,8 @@ use numpy::PyArrayDyn;
 use phipsi::formats::dcd::DcdTiming;
 use phipsi::formats::trajectory::{TrajectoryError, TrajectoryWriter};
 use phipsi::molecule::{
-    BOLTZMANN, Bath, Distribution, Ensemble, FixmanPotential, MolecularError, MoleculeError, Trials,
-    WithFixman, ensemble, temperature,
+    BOLTZMANN, Bath, Distribution, Ensemble, FixmanPotential, MolecularError, MoleculeError, MoleculeErrors,
+    Trials, WithFixman, ensemble, temperature,
 };
 use phipsi::motion::MidpointError;
 use phipsi::simulate::Row;
@@ -331,10 +332,13 @@ impl TorsionModel {
         self.warn(py)?;
         let file = trajectory.map(|path| create(&path, atoms, every, h)).transpose()?;
         let capacity = (steps / every + 1) as usize;
-        let potential = || FixmanPotential::new(self.torsion.layout(), BOLTZMANN * temperature_K);
+        let potential = fixman
+            .then(|| FixmanPotential::of(&self.torsion, BOLTZMANN * temperature_K))
+            .transpose()
+            .map_err(|error| molecule_error(py, &MoleculeErrors(vec![error])))?;
         let mut records = Records {
             rows: Vec::with_capacity(capacity),
-            fixman: fixman.then(potential),
+            fixman: potential,
             fixman_energies: Vec::with_capacity(capacity),
             positions: Vec::with_capacity(3 * atoms * capacity),
             atoms: vec![Vec3::zero(); atoms],

@@ -316,10 +316,9 @@ impl<'a> Runner<'a> {
                     let most = ((*t_end - t0) / h).round().max(1.0) as u64;
                     bath.advance(m, dynamics, h, most)
                 };
-                self.stepper.with_midpoint(act).map(|_| StepInfo {
-                    t0,
-                    t1: self.stepper.t(),
-                    projected: None,
+                self.stepper.with_midpoint(act).and_then(|_| {
+                    let projected = self.stepper.residual()?;
+                    Ok(StepInfo { t0, t1: self.stepper.t(), projected })
                 })
             }
         };

@@ -236,8 +236,8 @@ fn read(
     simulation.choice = settings.choice;
     let is_constrained = simulation.dynamics.is_constrained();
     match simulation.choice.method {
-        Scheme::Midpoint { .. } if is_constrained => {
-            let found = "method = \"midpoint\" with closures or prescribed motions";
+        Scheme::Midpoint { .. } if simulation.dynamics.is_prescribed() => {
+            let found = "method = \"midpoint\" with prescribed motions";
             let (required, remedy) = ("an explicit method", "use \"dop853\", \"tsit5\" or \"rk4\"");
             report.errors.push(Problem::new(None, "integrator", found, required, remedy));
         }

@@ -95,6 +95,50 @@ fn kinds_of_bonds_stay_rigid_and_minimising_lowers_the_energy() {
     assert!(rest.iter().all(|r| r.energy[0] < 1e-4), "it stays at the minimum");
 }
 
+/// The ring of proline as a loop: closed to rounding, with the degrees of freedom and the distribution said.
+#[test]
+fn a_flexible_ring_stays_closed() {
+    let text = SCENE.replace("ala_dipeptide", "proline").replace("step_fs = 4", "step_fs = 2");
+    let flexible = text.replace("seed = 1", "seed = 1\nrings = \"flexible\"");
+    let loaded = scene(&flexible).unwrap();
+    assert!(loaded.reports[0].used.iter().any(|n| n.what.contains("flexible rings closed at")));
+    let rigid = scene(&text).unwrap().simulation.degrees_of_freedom();
+    assert_eq!(loaded.simulation.degrees_of_freedom(), rigid + 2);
+    let distribution = loaded.simulation.molecule.as_ref().map(|m| m.distribution.describe_for(&m.torsion));
+    assert!(distribution.unwrap().contains("det(G M^-1 G^T)"));
+    let (rows, summary) = rows(&flexible);
+    let closures = summary.closures.unwrap();
+    assert!(closures.position < 1e-12 && closures.velocity < 1e-10, "{closures:?}");
+    let energy = |r: &Row| r.energy[0] + r.energy[1];
+    assert!(rows.iter().all(|r| (energy(r) - energy(&rows[0])).abs() < 0.1));
+    // Minimised with a rigid ring, Langevin dynamics with a flexible one.
+    let bath = flexible.replace("seed = 1", "seed = 1\nminimize = true");
+    let bath = bath.replace("step_fs = 2", "step_fs = 2\nensemble = \"langevin\"");
+    assert!(self::rows(&bath).1.closures.unwrap().position < 1e-12);
+    let refused = |text: &str| {
+        let errors: Vec<Problem> = reports(text).into_iter().flat_map(|r| r.errors).collect();
+        format!("{:?}", errors[0])
+    };
+    assert!(refused(&flexible.replace("seed = 1", "fixman = true")).contains("flexible rings"));
+    assert!(refused(&text.replace("seed = 1", "rings = \"floppy\"")).contains("flexible"));
+}
+
+#[test]
+fn clusters_of_all_kinds() {
+    let dof = |line: &str| scene(&SCENE.replace("seed = 1", line)).unwrap().simulation.model().nv();
+    assert_eq!(dof("clusters = \"torsion\""), 13);
+    assert_eq!(dof("clusters = \"cartesian\""), 66);
+    let angles = dof("clusters = \"torsion+angle\"");
+    assert!((18..=20).contains(&angles), "{angles}");
+    assert_eq!(dof("angles = [[4, 6, 8]]"), 14);
+    assert!(error("seed = 1", "clusters = \"torsions\"").remedy.contains("torsion"));
+    assert!(error("seed = 1", "angles = [[4, 6]]").required.contains("[[h, i, j]"));
+    let text = SCENE.replace("seed = 1", "clusters = \"torsion+angle\"\nfixman = true");
+    let distribution =
+        scene(&text).unwrap().simulation.molecule.map(|m| m.distribution.describe_for(&m.torsion));
+    assert!(distribution.unwrap().contains("sin theta"));
+}
+
 #[test]
 fn wrong_molecules_say_what_is_required() {
     assert!(error("ala_dipeptide.pdb", "nothing.pdb").found.contains("No such file"));

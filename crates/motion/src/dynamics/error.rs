@@ -25,8 +25,8 @@ pub enum MotionError {
         /// What is wrong.
         what: String,
     },
-    /// The midpoint method was asked for with closures or prescribed motions.
-    Constrained,
+    /// The midpoint method was asked for with prescribed motions.
+    Driven,
 }
 
 impl fmt::Display for MotionError {
@@ -43,8 +43,8 @@ impl fmt::Display for MotionError {
             MotionError::Prescription { what } => {
                 write!(f, "{what}; give one motion for each degree of freedom of a joint or row of a closure")
             }
-            MotionError::Constrained => f.write_str(
-                "the midpoint method does not know closures and prescribed motions; use \"dop853\", \"tsit5\" or \"rk4\"",
+            MotionError::Driven => f.write_str(
+                "the midpoint method does not know prescribed motions; use \"dop853\", \"tsit5\" or \"rk4\"",
             ),
         }
     }

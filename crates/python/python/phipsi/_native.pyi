@@ -364,9 +364,11 @@ class TorsionModel:
         cls,
         s: System,
         positions: ArrayLike | None = None,
-        clusters: Literal["torsion"] | Sequence[Sequence[int | str]] | None = None,
+        clusters: Literal["torsion", "torsion+angle", "cartesian"] | Sequence[Sequence[int | str]] | None = None,
         rigid: str | Sequence[str | Sequence[int | str]] | None = None,
         hinges: Sequence[Sequence[int | str]] | None = None,
+        rings: Literal["rigid", "flexible"] | Sequence[Sequence[int | str]] | None = None,
+        angles: Sequence[Sequence[int | str]] | None = None,
         forces: Any = None,
     ) -> TorsionModel: ...
     @property

@@ -277,7 +277,10 @@ impl Plan {
             form,
             form_why,
             ensemble: simulation.molecule.as_ref().map(|m| m.ensemble.describe("ps")),
-            distribution: simulation.molecule.as_ref().map(|m| m.distribution.describe().into()),
+            distribution: simulation
+                .molecule
+                .as_ref()
+                .map(|m| m.distribution.describe_for(&m.torsion).into()),
             degrees_of_freedom: simulation.molecule.as_ref().map(|_| simulation.degrees_of_freedom()),
             left_out: simulation.left_out(),
         }

@@ -162,6 +162,9 @@ fn fixed(simulation: &Simulation, report: &Report, rk4: bool) -> Result<Candidat
         let make = |step| Scheme::Explicit(Method::Rk4 { step });
         return Ok(Candidate { order: 4, name: "rk4", settings: settings(steps, &make) });
     }
+    if simulation.dynamics.is_prescribed() {
+        return Err(Some("midpoint: motions are prescribed".into()));
+    }
     let conservative = |f: &dyn phipsi_motion::Force| f.needs().conservative && f.auxiliary().is_empty();
     if let Some(force) = simulation.dynamics.forces().iter().find(|f| !conservative(f.as_ref())) {
         let why = format!("midpoint: force `{}` has no potential energy", force.name());

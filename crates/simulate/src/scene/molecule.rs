@@ -8,14 +8,15 @@ use phipsi_formats::system::SystemOptions;
 use phipsi_formats::{Note, Problem, Report};
 use phipsi_model::State;
 use phipsi_molecule::{
-    BOLTZMANN, BondKind, Clustering, Clusters, Deviates, Distribution, FixmanForce, ForceField, Hinges,
-    MinimizeOptions, MolecularForces, MoleculeErrors, PotentialForce, TorsionModel, draw_velocities,
-    read_molecule, satisfied_constraints, strain,
+    Angles, BOLTZMANN, BondKind, Clustering, Clusters, Deviates, Distribution, FixmanForce, FixmanPotential,
+    ForceField, Hinges, MinimizeOptions, MolecularForces, MoleculeErrors, PotentialForce, Rings,
+    TorsionModel, draw_velocities, read_molecule, satisfied_constraints, strain,
 };
 use phipsi_motion::Force;
 use phipsi_motion::forces::JointDissipation;
 use phipsi_recursion::ArticulatedSweep;
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
+use phipsi_spatial::Vec3;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -39,7 +40,7 @@ pub(crate) fn read(
     let pdb = table.required_text("pdb", report).map(|p| folder.join(p));
     let system = table.required_text("system", report).map(|p| folder.join(p));
     let ignore = texts(&mut table, "ignore", report);
-    let clustering = clustering(&mut table, report);
+    let (mut clustering, cartesian) = clustering(&mut table, report);
     let temperature = table.positive("temperature_K", true, report);
     let seed = seed(&mut table, report);
     let minimize = minimize(&mut table, report);
@@ -55,6 +56,9 @@ pub(crate) fn read(
     let loaded = read_molecule(&pdb, &system, &SystemOptions { ignore });
     let reports = loaded.reports.to_vec();
     let Some(read) = loaded.value else { return Err(reports) };
+    if cartesian {
+        clustering.free = (0..read.atoms.len()).collect();
+    }
     if !report.errors.is_empty() {
         return Err(reports);
     }
@@ -63,11 +67,12 @@ pub(crate) fn read(
             .errors
             .extend(errors.0.into_iter().map(|e| Problem::new(None, e.place, e.found, e.required, e.remedy)));
     };
-    let built = Clusters::new(&read.atoms, &read.positions, &clustering).and_then(|clusters| {
+    let build = |positions: &[Vec3<f64>], clustering: &Clustering| {
+        let clusters = Clusters::new(&read.atoms, positions, clustering)?;
         let kept = satisfied_constraints(&read.atoms, &clusters, &read.system)?;
-        Ok((TorsionModel::new(&read.atoms, &read.positions, clusters)?, kept))
-    });
-    let (torsion, kept) = match built {
+        Ok((TorsionModel::new(&read.atoms, positions, clusters)?, kept))
+    };
+    let (mut torsion, mut kept) = match build(&read.positions, &clustering) {
         Ok(built) => built,
         Err(errors) => {
             refuse(report, errors);
@@ -87,6 +92,37 @@ pub(crate) fn read(
             return Err(reports);
         }
     };
+    let mut minimize = minimize;
+    if torsion.has_rings() && minimize.is_some() {
+        // Minimisation keeps no closures: with rigid rings first, then the same positions.
+        let rigid = Clustering { rings: Rings::Rigid, ..clustering.clone() };
+        let rebuilt = build(&read.positions, &rigid).and_then(|(stiff, _)| {
+            let stiff = Arc::new(stiff);
+            let mut forces = MolecularForces::new(stiff.clone(), field.clone());
+            let model = stiff.model();
+            let mut start = State { q: model.neutral(), v: vec![0.0; model.nv()], t: 0.0 };
+            if !look_at_start(&mut forces, &mut start, minimize, report) {
+                return Ok(None);
+            }
+            match stiff.positions(&start.q) {
+                Ok(positions) => build(&positions, &clustering).map(Some),
+                Err(e) => {
+                    let remedy = "make the rings rigid";
+                    report.errors.push(Problem::new(None, "start", e.to_string(), "a configuration", remedy));
+                    Ok(None)
+                }
+            }
+        });
+        (torsion, kept) = match rebuilt {
+            Ok(Some(built)) => built,
+            Ok(None) => return Err(reports),
+            Err(errors) => {
+                refuse(report, errors);
+                return Err(reports);
+            }
+        };
+        minimize = None;
+    }
     note_clusters(&torsion, kept, report);
     let torsion = Arc::new(torsion);
     let mut forces = MolecularForces::new(torsion.clone(), field);
@@ -133,7 +169,13 @@ pub(crate) fn read(
     ];
     let mut own: Vec<Box<dyn Force>> = vec![Box::new(PotentialForce::new("force field", forces))];
     if let (true, Some(temperature)) = (fixman, temperature) {
-        own.push(Box::new(FixmanForce::new(torsion.layout(), BOLTZMANN * temperature)));
+        match FixmanPotential::of(&torsion, BOLTZMANN * temperature) {
+            Ok(potential) => own.push(Box::new(FixmanForce::from(potential))),
+            Err(error) => {
+                refuse(report, MoleculeErrors(vec![error]));
+                return Err(reports);
+            }
+        }
     }
     let mut molecule = Molecule::new(torsion, seed);
     (molecule.temperature, molecule.distribution) = (temperature, Distribution::with_fixman(fixman));
@@ -211,6 +253,14 @@ fn note_clusters(torsion: &TorsionModel, kept: usize, report: &mut Report) {
     if kept > 0 {
         what += &format!("; {kept} constraints of the System are satisfied by the clusters");
     }
+    let rings = clusters.closures.iter().map(|c| torsion.atoms().bond_label(c.atoms)).collect::<Vec<_>>();
+    if !rings.is_empty() {
+        what += &format!("; flexible rings closed at {}", rings.join(", "));
+    }
+    let bends = clusters.bends();
+    if bends > 0 {
+        what += &format!("; {bends} open bond angles");
+    }
     report.used.push(Note::new(None, "molecule", what));
     for locked in &clusters.locked {
         let place = format!("hinge {}", torsion.atoms().bond_label(locked.atoms));
@@ -218,15 +268,33 @@ fn note_clusters(torsion: &TorsionModel, kept: usize, report: &mut Report) {
     }
 }
 
-/// `rigid`: kinds of bonds, or groups of atoms; `hinges`: a list of bonds.
-fn clustering(table: &mut Table<'_>, report: &mut Report) -> Clustering {
+/// `clusters`: a word, or lists of atoms; `rings`: a word, or lists of atoms; `angles`: triples of atoms; `rigid`: kinds of bonds;
+/// `groups`: lists of atoms; `hinges`: a list of bonds. With it whether all atoms move by themselves.
+fn clustering(table: &mut Table<'_>, report: &mut Report) -> (Clustering, bool) {
     let mut clustering = Clustering::default();
-    if let Some(word) = table.text("clusters", report)
-        && word != "torsion"
-    {
-        let node = table.get("clusters");
-        let found = format!("clusters = {word:?}");
-        table.error(node, report, found, "\"torsion\"", "use `rigid` and `hinges` to divide otherwise");
+    let mut cartesian = false;
+    match word_or_lists(table, "clusters", &["torsion", "torsion+angle", "cartesian"], report) {
+        Some(Ok("torsion+angle")) => clustering.angles = Angles::AtHinges,
+        Some(Ok("cartesian")) => cartesian = true,
+        Some(Ok(_)) | None => {}
+        Some(Err(lists)) => clustering.hinges = Hinges::Clusters(lists),
+    }
+    match word_or_lists(table, "rings", &["rigid", "flexible"], report) {
+        Some(Ok("flexible")) => clustering.rings = Rings::Flexible,
+        Some(Ok(_)) | None => {}
+        Some(Err(lists)) => clustering.rings = Rings::Listed(lists),
+    }
+    if let Some(angles) = index_lists(table, "angles", report) {
+        let triples: Option<Vec<[usize; 3]>> =
+            angles.into_iter().map(|a| <[usize; 3]>::try_from(a).ok()).collect();
+        match triples {
+            Some(triples) => clustering.angles = Angles::Listed(triples),
+            None => {
+                let node = table.get("angles");
+                let found = "`angles` with other lists than triples";
+                table.error(node, report, found, "[[h, i, j], …]", "correct `angles`");
+            }
+        }
     }
     for word in texts(table, "rigid", report) {
         match BondKind::from_word(&word) {
@@ -265,7 +333,24 @@ fn clustering(table: &mut Table<'_>, report: &mut Report) -> Clustering {
     if let Some(groups) = index_lists(table, "groups", report) {
         clustering.groups = groups;
     }
-    clustering
+    (clustering, cartesian)
+}
+
+/// One of some words, or lists of atom indices.
+fn word_or_lists(
+    table: &mut Table<'_>,
+    key: &'static str,
+    words: &[&'static str],
+    report: &mut Report,
+) -> Option<Result<&'static str, Vec<Vec<usize>>>> {
+    let node = table.get(key)?;
+    let Value::Text(text) = &node.value else { return index_lists(table, key, report).map(Err) };
+    let known = words.iter().find(|word| *word == text);
+    if known.is_none() {
+        let required = format!("one of {}, or lists of atom indices", words.join(", "));
+        table.error(Some(node), report, format!("{key} = {text:?}"), required, suggestion(text, words));
+    }
+    known.map(|word| Ok(*word))
 }
 
 /// Lists of atom indices, from 0.
