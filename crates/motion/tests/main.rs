@@ -2,10 +2,13 @@
 
 mod closed_forms;
 mod common;
+mod events;
 mod flexible;
 mod forces;
 mod integrators;
 mod midpoint;
 mod rosenbrock;
+mod satellites;
 mod slider_crank;
+mod stops;
 mod wide;
