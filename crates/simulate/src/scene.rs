@@ -53,7 +53,7 @@ use crate::error::SimulateError;
 use crate::simulation::{Choice, Simulation};
 use phipsi_formats::{Note, Problem, Report};
 use phipsi_model::State;
-use phipsi_motion::{Prescription, Scheme, System as _};
+use phipsi_motion::{MotionError, Prescription, Scheme, System as _};
 use phipsi_recursion::singular_hinges;
 use std::path::{Path, PathBuf};
 use tree::Table;
@@ -225,8 +225,16 @@ fn read(
     let mut simulation = match created {
         Ok(simulation) => simulation.with_events(events),
         Err(e) => {
-            let required = "closures of rigid bodies and couplings of joints with one axis";
-            let remedy = "remove the closure, or set mimic = \"free\" in [model]";
+            let (required, remedy) = match e {
+                MotionError::Switch { .. } => (
+                    "stops with room between them and friction of rigid bodies",
+                    "correct the joint, or name those with stops in [joint_stops]",
+                ),
+                _ => (
+                    "closures of rigid bodies and couplings of joints with one axis",
+                    "remove the closure, or set mimic = \"free\" in [model]",
+                ),
+            };
             report.errors.push(Problem::new(None, "model", e.to_string(), required, remedy));
             return Err(reports);
         }

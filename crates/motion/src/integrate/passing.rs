@@ -154,7 +154,7 @@ impl Integrator {
             let resolution = 4.0 * f64::EPSILON * t0.abs().max(f64::MIN_POSITIVE);
             let (index, mut t) = (passage.index, t0 + passage.theta * h);
             if !(t - t0 > resolution) {
-                self.remember(&watched, Some((index, watched[index].side)));
+                self.remember(&[], Some((index, watched[index].side)));
                 return Ok(Ahead::AtOnce { index });
             }
             let mut slope = passage.slope / h;
