@@ -51,7 +51,8 @@ impl fmt::Debug for Action {
 
 /// An event: a function of time and state with what its passage through zero does.
 ///
-/// The function must be continuous. A passage shorter than an eighth of a step, there and back, may be missed.
+/// The function must be continuous in time and state; where an impact or a change of state throws it over zero, that counts as a passage.
+/// A passage shorter than an eighth of a step, there and back, may be missed.
 ///
 /// ```
 /// use phipsi_motion::{Action, Direction, Event};

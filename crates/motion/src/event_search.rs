@@ -114,6 +114,13 @@ impl Search {
                 if w.guard && now.1 < -w.noise {
                     return self.after_start(i, 1, now, evaluate).map(Some);
                 }
+                // A function of the user's that was left at zero: it may go to the other side and come back at once.
+                if !w.guard && k == 1 && w.direction.leaves(-sign) {
+                    let found = self.after_start(i, -sign, now, evaluate)?;
+                    if found.theta > 0.0 {
+                        return Ok(Some(found));
+                    }
+                }
                 if now.1.abs() > w.noise {
                     w.side = sign;
                 }

@@ -3,8 +3,8 @@
 //! The dense output tells where a passage is; the step is then made again to end there, so that the state has the order of the method, and
 //! its end is corrected by Newton's iteration on the method's own ends, until rounding of time ends it.
 
-use super::{IntegrateError, Integrator};
-use crate::event::{Changing, Occurrence};
+use super::{IntegrateError, Integrator, IntegratorState};
+use crate::event::{Changing, Events, Occurrence};
 use crate::event_search::{Search, Watched, side};
 use crate::explicit::StageError;
 use crate::system::{Projected, System};
@@ -53,7 +53,7 @@ impl Integrator {
         let t = self.state.t;
         let failed = |cause| IntegrateError::Start { t, cause: StageError::System(cause) };
         self.state.modes = vec![super::Mode::Free; events.modes()];
-        let super::IntegratorState { q, v, aux, modes, .. } = &mut self.state;
+        let IntegratorState { q, v, aux, modes, .. } = &mut self.state;
         let mut state = Changing { t, q, v, aux, modes };
         let done = events.act(None, &mut state, &self.tolerances, &mut self.passing.log).map_err(failed)?;
         events.enter(&self.state.modes);
@@ -134,8 +134,6 @@ impl Integrator {
                 let noise = if guard { events.noise(i, &s.q, &s.v, &self.tolerances) } else { 0.0 };
                 if guard {
                     side_now = i8::from(start[i] > noise);
-                } else if side_now == 0 {
-                    side_now = side(start[i]);
                 }
                 if self.passing.ignores_records && !events.acts(i) {
                     start[i] = f64::INFINITY;
@@ -221,11 +219,27 @@ impl Integrator {
         let t = self.state.t;
         let failed = |cause| IntegrateError::Start { t, cause: StageError::System(cause) };
         let Some(events) = system.events() else { return Ok(false) };
-        let super::IntegratorState { q, v, aux, modes, .. } = &mut self.state;
+        // A change of state by the user may put its own function on another side, or leave it at zero.
+        let changes = events.acts(index) && !events.is_guard(index);
+        let mut own = [0.0; 2];
+        let mut value = |events: &mut dyn Events<Error = S::Error>, s: &IntegratorState| {
+            self.passing.end.resize(events.functions(), 0.0);
+            self.step.count(events.values(t, (&s.q, &s.v, &s.aux), &mut self.passing.end)?);
+            Ok(self.passing.end[index])
+        };
+        if changes {
+            own[0] = value(events, &self.state).map_err(failed)?;
+        }
+        let IntegratorState { q, v, aux, modes, .. } = &mut self.state;
         let mut state = Changing { t, q, v, aux, modes };
         let done =
             events.act(Some(index), &mut state, &self.tolerances, &mut self.passing.log).map_err(failed)?;
         events.enter(&self.state.modes);
+        if changes {
+            own[1] = value(events, &self.state).map_err(failed)?;
+            self.state.sides[index] = if own[0] == own[1] { 0 } else { side(own[1]) };
+            self.state.counts[2] = self.step.evaluations();
+        }
         if done.changed {
             self.state.carried = false;
             system.project(t, &mut self.state.q, &mut self.state.v).map_err(failed)?;
