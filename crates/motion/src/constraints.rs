@@ -15,13 +15,18 @@ use phipsi_model::Model;
 use phipsi_recursion::DynamicsError;
 use phipsi_spatial::{Dd, Wrench};
 
+mod impulse;
+
 /// The solver of a model with closures, prescribed motions, or both.
 pub(crate) struct Constraints {
     closed: ClosedDynamics<f64>,
     joints: Vec<PrescribedJoint>,
     /// Rows that move, among all rows.
     rows: Vec<(usize, Course)>,
+    /// Degrees of freedom whose motion is given, and the same with those that stops and friction hold.
+    given: Vec<bool>,
     active: Vec<bool>,
+    held: bool,
     acceleration: Vec<f64>,
     /// γ, γ̇, γ̈.
     gamma: [Vec<f64>; 3],
@@ -31,6 +36,8 @@ pub(crate) struct Constraints {
     rates: Vec<f64>,
     /// The same in double-double, near singular positions; none without closures.
     wide: Option<Box<Wide>>,
+    /// The same mechanism without weight, for impulses; none where nothing strikes.
+    still: Option<Box<ClosedDynamics<f64>>>,
 }
 
 /// Below this pivot σ, over the scale of its loop, a state is near a singular position of the closures. There, rounding of q and
@@ -149,6 +156,10 @@ impl Constraints {
         if model.closures().is_empty() && model.couplings().is_empty() && prescription.is_empty() {
             return Ok(None);
         }
+        Self::general(model, prescription).map(Some)
+    }
+    /// The same also for a tree of which nothing is prescribed: stops and friction may hold its joints.
+    pub(crate) fn general(model: &Model, prescription: &Prescription) -> Result<Self, MotionError> {
         let closed = ClosedDynamics::new(model)?;
         let (nv, n) = (model.nv(), closed.rows());
         let refuse = |what: String| Err(MotionError::Prescription { what });
@@ -178,18 +189,21 @@ impl Constraints {
             }
             rows.push((row, p.course.clone()));
         }
-        Ok(Some(Constraints {
+        Ok(Constraints {
             closed,
             joints: prescription.joints.clone(),
             rows,
+            given: active.clone(),
             active,
+            held: false,
             acceleration: vec![0.0; nv],
             gamma: std::array::from_fn(|_| vec![0.0; n]),
             lambda: vec![0.0; n],
             forces: vec![0.0; nv],
             rates: vec![0.0; n],
             wide: if n > 0 { Some(Box::new(Wide::new(model)?)) } else { None },
-        }))
+            still: None,
+        })
     }
     /// True if motions of joints or closures are given.
     pub(crate) fn is_prescribed(&self) -> bool {
@@ -197,7 +211,17 @@ impl Constraints {
     }
     /// Degrees of freedom whose motion is given.
     pub(crate) fn active(&self) -> &[bool] {
-        &self.active
+        &self.given
+    }
+    /// Holds these degrees of freedom, besides those whose motion is given, at zero acceleration.
+    pub(crate) fn hold_joints(&mut self, held: &[bool]) {
+        self.held = false;
+        for i in 0..self.active.len() {
+            self.active[i] = self.given[i] || held[i];
+            if held[i] && !self.given[i] {
+                (self.acceleration[i], self.held) = (0.0, true);
+            }
+        }
     }
     /// Evaluates the functions of time.
     fn hold(&mut self, t: f64) -> (&mut ClosedDynamics<f64>, Held<'_>) {
@@ -214,7 +238,7 @@ impl Constraints {
             active: &self.active,
             acceleration: &self.acceleration,
             moves: !self.rows.is_empty(),
-            drives: !self.joints.is_empty(),
+            drives: self.held || !self.joints.is_empty(),
         };
         (&mut self.closed, held)
     }

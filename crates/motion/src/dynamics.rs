@@ -5,9 +5,11 @@
 
 use crate::conservative::Conservative;
 use crate::constraints::Constraints;
+use crate::event::Events;
 use crate::force::{Force, ForceError, Loads, Situation};
 use crate::plan::Plan;
 use crate::prescription::Prescription;
+use crate::switch::Switches;
 use crate::system::{Linearization, Projected, System, differences};
 use phipsi_model::Model;
 use phipsi_recursion::layout::GROUND;
@@ -19,6 +21,7 @@ use phipsi_spatial::{Vec3, Wrench};
 
 mod error;
 mod linearization;
+mod switching;
 
 pub use error::MotionError;
 use linearization::Tangent;
@@ -44,6 +47,9 @@ pub struct Dynamics {
     aux_dot: Vec<f64>,
     /// Times at which given motions are not smooth.
     given_breaks: Vec<f64>,
+    switches: Switches,
+    /// Holds joints of a tree.
+    holder: Option<Box<Constraints>>,
 }
 
 /// What gives the accelerations.
@@ -115,6 +121,8 @@ impl Dynamics {
             solver,
             form_choice,
             given_breaks: prescription.breaks(),
+            switches: Switches::new(model, Vec::new())?,
+            holder: None,
             inverse: InverseDynamics::new(&layout),
             tangent: None,
             aux_dot: Vec::new(),
@@ -340,6 +348,7 @@ impl Dynamics {
             self.place(q, v)?;
         }
         self.add_forces(false, (t, q, v), aux, aux_dot)?;
+        self.switches.add_friction(&mut self.tau);
         if self.plan.work {
             aux_dot[0] = self.power(v);
         }
@@ -425,9 +434,12 @@ impl System for Dynamics {
     ) -> Result<(), MotionError> {
         self.collect(t, (q, v, aux), aux_dot)?;
         let wrenches = self.plan.wrenches.then_some(&self.wrenches[..]);
-        match &mut self.solver {
-            Solver::Tree(forward) => forward.run(&self.layout, q, v, &self.tau, wrenches, v_dot)?,
-            Solver::Constrained(c) => {
+        let holder = self.holder.as_mut().filter(|_| self.switches.any_held);
+        match (&mut self.solver, holder) {
+            (Solver::Tree(forward), None) => {
+                forward.run(&self.layout, q, v, &self.tau, wrenches, v_dot)?;
+            }
+            (Solver::Constrained(c), _) | (Solver::Tree(_), Some(c)) => {
                 let wants_power = self.plan.work && self.plan.prescribed;
                 let power = c.run((t, q, v), &self.tau, wrenches, wants_power, v_dot)?;
                 if wants_power {
@@ -445,6 +457,10 @@ impl System for Dynamics {
         }
     }
 
+    fn events(&mut self) -> Option<&mut dyn Events<Error = MotionError>> {
+        if self.functions() > 0 { Some(self) } else { None }
+    }
+
     fn is_autonomous(&self) -> bool {
         matches!(self.solver, Solver::Tree(_)) && self.forces.iter().all(|f| f.is_autonomous())
     }
@@ -457,7 +473,7 @@ impl System for Dynamics {
         aux: &[f64],
         out: &mut Linearization,
     ) -> Result<u64, MotionError> {
-        let loops = matches!(self.solver, Solver::Constrained(_));
+        let loops = matches!(self.solver, Solver::Constrained(_)) || self.switches.any_held;
         if loops || !self.analytic(t, (q, v, aux), out)? {
             return differences(self, t, (q, v, aux), out);
         }
@@ -475,6 +491,11 @@ impl Conservative for Dynamics {
     fn evaluate(&mut self, q: &[f64], out: &mut [f64]) -> Result<f64, MotionError> {
         if self.is_prescribed() {
             return Err(MotionError::Driven);
+        }
+        if self.functions() > 0 {
+            let what =
+                "the midpoint method knows no events, stops and dry friction; use \"dop853\" or \"tsit5\"";
+            return Err(MotionError::Switch { what: what.into() });
         }
         if let Some(force) = self.forces.iter().find(|f| !f.needs().conservative || !f.auxiliary().is_empty())
         {

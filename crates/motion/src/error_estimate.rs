@@ -6,12 +6,17 @@
 //! | companion run at ten times the tolerance | 9 | looser tolerances |
 //! | companion run at twice the fixed step | 2^p − 1 | fixed steps |
 //!
+//! Where stops or dry friction act, the companion at ten times the tolerance finds its own events. Instants between an event of one run
+//! and the same event of the other are not compared; where the runs do not do the same in the end, there is no estimate.
+//!
 //! On 118 runs with known error, the estimate was within a factor 10 in 97 % or more of them; a sum of embedded errors is
 //! 100 to 1e5 times too large and is not used.
 
+use crate::event::{Happening, Occurrence};
 use crate::integrate::{IntegrateError, Integrator, Method, Tolerances};
 use crate::system::System;
 use phipsi_model::State;
+use std::collections::BTreeMap;
 
 /// An increment beyond this, or a tenth of the motion, is no estimate: the solution is chaotic or the run too coarse.
 const LOST: f64 = 0.1;
@@ -31,6 +36,8 @@ pub struct JudgedRun<'a> {
     pub breaks: &'a [f64],
     /// Some instants of the run, the last one its end.
     pub samples: &'a [State],
+    /// What happened in it.
+    pub events: &'a [Occurrence],
 }
 
 /// The estimate.
@@ -58,11 +65,14 @@ pub fn estimate_error<S: System>(
 ) -> Result<ErrorEstimate, IntegrateError<S::Error>> {
     let order = run.method.order() as i32;
     let halving = 2f64.powi(order) - 1.0;
+    let switching = system.events().is_some_and(|e| (0..e.functions()).any(|i| e.acts(i)));
     match run.method {
         Method::Rk4 { step } => {
             let companion = Method::Rk4 { step: 2.0 * step };
             compare(system, run, companion, run.tolerances, halving, "companion run at twice the step")
         }
+        // Steps that end at events of one run are none of the other's: they cannot be merged.
+        _ if switching => looser(system, run),
         _ if run.tolerances.rtol <= 1e-9 && run.tolerances.atol <= 1e-9 => {
             let estimate = merged(system, run, halving)?;
             if estimate.q.is_some() {
@@ -122,6 +132,7 @@ fn merged<S: System>(
     let accept = Tolerances { rtol: more * rtol, atol: more * atol, max_step: f64::INFINITY };
     let (t, q, v, aux) = run.start;
     let mut companion = Integrator::new(system.model(), run.method, accept, t, q, v, aux);
+    companion.ignore_records();
     let mut judge = Judge::new(system, run, divisor);
     for &end in &ends {
         let stop = is_break(end);
@@ -151,6 +162,7 @@ fn compare<S: System>(
 ) -> Result<ErrorEstimate, IntegrateError<S::Error>> {
     let (t, q, v, aux) = run.start;
     let mut companion = Integrator::new(system.model(), method, tolerances, t, q, v, aux);
+    companion.ignore_records();
     let mut judge = Judge::new(system, run, divisor);
     let Some(&end) = run.steps.last() else { return Ok(judge.finish(how, 0)) };
     let breaks = run.breaks.iter().copied().filter(|b| *b > t && *b < end).map(|b| (b, true));
@@ -169,8 +181,36 @@ fn compare<S: System>(
     Ok(judge.finish(how, companion.counts()[2]))
 }
 
+/// What has happened so far, in numbers: of each kind and joint. Impacts before a rest do not count, there may be infinitely many.
+#[derive(Debug, Default, PartialEq)]
+struct Tally(BTreeMap<(u8, usize), u64>);
+
+impl Tally {
+    fn count(&mut self, what: &Happening) {
+        if !what.acts() {
+            return;
+        }
+        if let Happening::Rest { dof, .. } = *what {
+            for upper in [false, true] {
+                self.0.remove(&Happening::Impact { dof, upper, speed: [0.0; 2], energy: 0.0 }.kind());
+            }
+        }
+        *self.0.entry(what.kind()).or_default() += 1;
+    }
+    /// Counts a list from its end that was counted last, up to a time.
+    fn follow(&mut self, list: &[Occurrence], counted: &mut usize, t: f64) {
+        while let Some(next) = list.get(*counted).filter(|o| o.t <= t) {
+            self.count(&next.what);
+            *counted += 1;
+        }
+    }
+}
+
 /// Compares a companion with the run at the run's samples.
 struct Judge<'a> {
+    tallies: [Tally; 2],
+    counted: [usize; 2],
+    apart: bool,
     run: &'a JudgedRun<'a>,
     divisor: f64,
     next: usize,
@@ -192,7 +232,21 @@ impl<'a> Judge<'a> {
             motion[1] = v.iter().fold(motion[1], |m, x| m.max(x.abs()));
         }
         let scratch = [vec![0.0; q0.len()], vec![0.0; v0.len()], vec![0.0; aux.len()]];
-        Judge { run, divisor, next: 0, motion, horizon: t, lost: false, last: None, scratch }
+        let tallies = <[Tally; 2]>::default();
+        let (counted, apart) = ([0; 2], false);
+        Judge {
+            tallies,
+            counted,
+            apart,
+            run,
+            divisor,
+            next: 0,
+            motion,
+            horizon: t,
+            lost: false,
+            last: None,
+            scratch,
+        }
     }
     /// Takes the samples inside the companion's last step.
     fn look<S: System>(
@@ -203,6 +257,13 @@ impl<'a> Judge<'a> {
         while let Some(State { t, q, v }) = self.run.samples.get(self.next).filter(|s| s.t <= companion.t()) {
             self.next += 1;
             if *t <= self.run.start.0 {
+                continue;
+            }
+            let [theirs, own] = &mut self.tallies;
+            theirs.follow(self.run.events, &mut self.counted[0], *t);
+            own.follow(companion.occurrences(), &mut self.counted[1], *t);
+            self.apart = theirs != own;
+            if self.apart {
                 continue;
             }
             let [own_q, own_v, own_aux] = &mut self.scratch;
@@ -221,12 +282,13 @@ impl<'a> Judge<'a> {
     }
     fn finish(self, how: &str, evaluations: u64) -> ErrorEstimate {
         let complete = self.next == self.run.samples.len();
-        let known = self.last.filter(|_| complete && !self.lost);
+        let known = self.last.filter(|_| complete && !self.lost && !self.apart);
+        let order = if self.apart { ", whose events are not those of the run at the end" } else { "" };
         ErrorEstimate {
             q: known.map(|e| e[0]),
             v: known.map(|e| e[1]),
             horizon: if known.is_some() { None } else { Some(self.horizon) },
-            how: how.into(),
+            how: format!("{how}{order}"),
             evaluations,
         }
     }

@@ -108,6 +108,10 @@ impl ExplicitStep {
     pub fn evaluations(&self) -> u64 {
         self.evaluations
     }
+    /// Counts evaluations that were made elsewhere.
+    pub fn count(&mut self, evaluations: u64) {
+        self.evaluations += evaluations;
+    }
     /// Starts anew from a state and evaluates its derivative.
     pub fn begin<S: System>(
         &mut self,

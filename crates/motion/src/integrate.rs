@@ -1,11 +1,16 @@
 //! The driver: steps under error control, landing on given times, checkpoints.
 
+use crate::event::{Mode, Occurrence};
 use crate::explicit::{NotFinite, StageError};
 use crate::increment::largest_rotation;
 use crate::one_step::OneStep;
 use crate::system::{Projected, System};
 use phipsi_model::Model;
 use std::fmt;
+
+mod passing;
+
+use passing::{Ahead, Passing};
 
 /// An integration method.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,6 +83,13 @@ pub enum IntegrateError<E> {
         /// What failed.
         cause: StageError<E>,
     },
+    /// Events follow each other without time between them.
+    Endless {
+        /// Time.
+        t: f64,
+        /// How many there were.
+        events: usize,
+    },
 }
 
 impl NotFinite {
@@ -111,6 +123,10 @@ impl<E: fmt::Display> IntegrateError<E> {
                  loosen rtol, or look for a force that is not smooth there"
             ),
             IntegrateError::Start { t, cause: c } => format!("at t = {t}: {}", cause(c)),
+            IntegrateError::Endless { t, events } => format!(
+                "at t = {t} {events} events follow each other without time between them; look for an event whose change \
+                 brings about another one, or for joints whose stops and friction contradict each other"
+            ),
         }
     }
 }
@@ -124,6 +140,10 @@ pub struct StepInfo {
     pub t1: f64,
     /// What the projection at its end did; `None` where nothing is projected.
     pub projected: Option<Projected>,
+    /// An event ended it: [`Integrator::occurrences`] has what happened.
+    pub event: bool,
+    /// An event ends the run here.
+    pub stop: bool,
 }
 
 /// Everything that continues a run bit for bit.
@@ -152,7 +172,16 @@ pub struct IntegratorState {
     pub counts: [u64; 3],
     /// False if the derivative must be evaluated anew before the next step.
     pub carried: bool,
+    /// Modes of joints with stops or friction.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub modes: Vec<Mode>,
+    /// Sides of zero on which the event functions are; empty before the start.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub sides: Vec<i8>,
 }
+
+/// Most events at one instant.
+const MOST_AT_ONCE: usize = 64;
 
 /// A method with its state.
 #[derive(Clone, Debug)]
@@ -166,6 +195,7 @@ pub struct Integrator {
     /// The last accepted step can still be sampled.
     pending: bool,
     latest: f64,
+    passing: Passing,
 }
 
 impl Integrator {
@@ -192,6 +222,8 @@ impl Integrator {
             largest: v.iter().map(|x| x.abs()).collect(),
             counts: [0; 3],
             carried: false,
+            modes: Vec::new(),
+            sides: Vec::new(),
         };
         Integrator {
             method,
@@ -202,6 +234,7 @@ impl Integrator {
             next: Vec::new(),
             pending: false,
             latest: f64::INFINITY,
+            passing: Passing::default(),
         }
     }
     /// Time.
@@ -224,6 +257,22 @@ impl Integrator {
     pub fn counts(&self) -> [u64; 3] {
         self.state.counts
     }
+    /// Modes of the joints with stops or friction; none before the first step.
+    pub fn modes(&self) -> &[Mode] {
+        &self.state.modes
+    }
+    /// What has happened since the last call of [`Integrator::forget_occurrences`].
+    pub fn occurrences(&self) -> &[Occurrence] {
+        &self.passing.log
+    }
+    /// Forgets what has happened.
+    pub fn forget_occurrences(&mut self) {
+        self.passing.log.clear();
+    }
+    /// Passes over events that change nothing, for a run that another one is compared with.
+    pub fn ignore_records(&mut self) {
+        self.passing.ignores_records = true;
+    }
     /// The next derivative is evaluated anew: after a time at which a force is not smooth.
     pub fn restart(&mut self) {
         self.state.carried = false;
@@ -244,6 +293,7 @@ impl Integrator {
 
     /// Moves the method's scratch to the present state.
     fn settle<S: System>(&mut self, system: &mut S) -> Result<(), IntegrateError<S::Error>> {
+        self.enter_modes(system)?;
         let s = &mut self.state;
         self.pending = false;
         self.step.resume((&s.q, &s.v, &s.aux), (&s.v_dot, &s.aux_dot), s.counts[2]);
@@ -306,6 +356,7 @@ impl Integrator {
         is_break: bool,
     ) -> Result<StepInfo, IntegrateError<S::Error>> {
         self.settle(system)?;
+        let mut at_once = 0;
         self.latest = if is_break { limit.next_down() } else { f64::INFINITY };
         let t0 = self.state.t;
         let fixed = if let Method::Rk4 { step } = self.method { Some(step) } else { None };
@@ -358,8 +409,31 @@ impl Integrator {
                 }
             }
             if !refused {
-                self.finish(t1, trial, error, rejected, fixed, projected.is_none());
-                return Ok(StepInfo { t0, t1, projected });
+                match self.look_for_events(system, t0, t1) {
+                    Ok(Ahead::Nothing) => {
+                        self.finish(t1, trial, error, rejected, fixed, projected.is_none());
+                        return Ok(StepInfo { t0, t1, projected, event: false, stop: false });
+                    }
+                    Ok(Ahead::Passage { index, t, projected }) => {
+                        let Tolerances { rtol, atol, .. } = self.tolerances;
+                        let error = self.step.error(atol, rtol, &self.state.largest);
+                        self.finish(t, t - t0, error, rejected, fixed, projected.is_none());
+                        let stop = self.happen(system, index)?;
+                        return Ok(StepInfo { t0, t1: t, projected, event: true, stop });
+                    }
+                    Ok(Ahead::AtOnce { index }) => {
+                        at_once += 1;
+                        if at_once > MOST_AT_ONCE {
+                            return Err(IntegrateError::Endless { t: t0, events: at_once });
+                        }
+                        if self.happen(system, index)? {
+                            return Ok(StepInfo { t0, t1: t0, projected: None, event: true, stop: true });
+                        }
+                        self.settle(system)?;
+                        continue;
+                    }
+                    Err(e) => cause = Some(e),
+                }
             }
             if fixed.is_some() {
                 return Err(IntegrateError::StepUnderflow { t: t0, h: trial, cause });

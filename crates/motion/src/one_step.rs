@@ -55,6 +55,9 @@ impl OneStep {
     pub(crate) fn evaluations(&self) -> u64 {
         either!(self, s => s.evaluations())
     }
+    pub(crate) fn count(&mut self, evaluations: u64) {
+        either!(self, s => s.count(evaluations));
+    }
     pub(crate) fn begin<S: System>(
         &mut self,
         system: &mut S,

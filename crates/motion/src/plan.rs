@@ -24,6 +24,8 @@ pub struct Plan {
     pub loops: bool,
     /// Some motion is given as a function of time.
     pub prescribed: bool,
+    /// Some joint has stops or dry friction.
+    pub switches: bool,
     /// The form of forward dynamics that is asked for.
     pub form: Form,
 }
@@ -54,6 +56,7 @@ impl Plan {
             gravity,
             loops: !(model.closures().is_empty() && model.couplings().is_empty()),
             prescribed: false,
+            switches: false,
             form: Form::Auto,
         }
     }
@@ -68,6 +71,15 @@ impl Plan {
         (self.prescribed, self.work) = (true, true);
         self
     }
+    /// The same where joints of these degrees of freedom have stops or dry friction: both take energy, and those at a base push from
+    /// outside.
+    pub(crate) fn with_switches(mut self, model: &Model, dofs: impl Iterator<Item = usize>) -> Self {
+        let at_base = dofs.into_iter().any(|dof| acts_on_base(model, dof));
+        self.momentum &= !at_base;
+        self.impulse &= !at_base;
+        (self.switches, self.work) = (true, true);
+        self
+    }
     /// Everything, whether needed or not: the general code that a plan is compared with. Loops and given motions are no choice:
     /// their solver runs where there are any.
     pub fn everything() -> Self {
@@ -80,6 +92,7 @@ impl Plan {
             gravity: true,
             loops: false,
             prescribed: false,
+            switches: false,
             form: Form::Auto,
         }
     }
@@ -93,6 +106,7 @@ impl Plan {
         };
         say(self.loops, "loop closures and their projection: the model is a tree");
         say(self.prescribed, "articulated sweep over prescribed joints: every joint is passive");
+        say(self.switches, "events of stops and dry friction: no joint has any that act");
         say(self.gravity, "gravity: it is zero");
         say(self.kinematics, "poses of bodies in the force sweep: no force needs them");
         say(self.wrenches, "wrenches on bodies: no force adds any");

@@ -81,6 +81,10 @@ impl RosenbrockStep {
     pub fn evaluations(&self) -> u64 {
         self.evaluations
     }
+    /// Counts evaluations that were made elsewhere.
+    pub fn count(&mut self, evaluations: u64) {
+        self.evaluations += evaluations;
+    }
     fn set_start(&mut self, q: &[f64], v: &[f64], aux: &[f64]) {
         let nv = self.nv;
         self.q.copy_from_slice(q);

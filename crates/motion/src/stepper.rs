@@ -1,6 +1,7 @@
 //! One face for all integration schemes: explicit methods with error control, and the midpoint method.
 
 use crate::dynamics::{Dynamics, MotionError};
+use crate::event::{Mode, Occurrence};
 use crate::integrate::{IntegrateError, Integrator, IntegratorState, Method, StepInfo, Tolerances};
 use crate::midpoint::{Midpoint, MidpointState};
 use crate::midpoint_error::MidpointError;
@@ -52,7 +53,9 @@ impl StepError {
     pub fn time(&self) -> f64 {
         match self {
             StepError::Explicit(
-                IntegrateError::StepUnderflow { t, .. } | IntegrateError::Start { t, .. },
+                IntegrateError::StepUnderflow { t, .. }
+                | IntegrateError::Start { t, .. }
+                | IntegrateError::Endless { t, .. },
             ) => *t,
             StepError::Midpoint(
                 MidpointError::Force { t, .. }
@@ -181,6 +184,20 @@ impl Stepper {
             Kind::Midpoint(m) => [m.method.state().steps, 0, m.method.state().steps + 1],
         }
     }
+    /// What happened in the last step; empty for the midpoint method, which knows no events.
+    pub fn occurrences(&self) -> &[Occurrence] {
+        match &self.0 {
+            Kind::Explicit(i) => i.occurrences(),
+            Kind::Midpoint(_) => &[],
+        }
+    }
+    /// Modes of the joints with stops or friction.
+    pub fn modes(&self) -> &[Mode] {
+        match &self.0 {
+            Kind::Explicit(i) => i.modes(),
+            Kind::Midpoint(_) => &[],
+        }
+    }
     /// The next derivative is evaluated anew: after a time at which a force is not smooth.
     pub fn restart(&mut self) {
         if let Kind::Explicit(i) = &mut self.0 {
@@ -198,14 +215,17 @@ impl Stepper {
         is_break: bool,
     ) -> Result<StepInfo, StepError> {
         match &mut self.0 {
-            Kind::Explicit(i) => i.step(dynamics, limit, is_break).map_err(StepError::Explicit),
+            Kind::Explicit(i) => {
+                i.forget_occurrences();
+                i.step(dynamics, limit, is_break).map_err(StepError::Explicit)
+            }
             Kind::Midpoint(m) => {
                 let t0 = m.t();
                 m.method.step(dynamics, m.step).map_err(StepError::Midpoint)?;
                 let failed = |cause| StepError::Midpoint(MidpointError::Dynamics { t: t0, cause });
                 m.settle().map_err(failed)?;
                 let projected = m.method.residual().map_err(failed)?;
-                Ok(StepInfo { t0, t1: m.t(), projected })
+                Ok(StepInfo { t0, t1: m.t(), projected, event: false, stop: false })
             }
         }
     }

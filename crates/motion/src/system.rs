@@ -1,5 +1,6 @@
 //! What an integrator integrates.
 
+use crate::event::Events;
 use phipsi_model::Model;
 
 /// What putting a state back onto closures and prescribed motions did.
@@ -44,6 +45,10 @@ pub trait System {
     /// True if the derivative does not depend on time itself.
     fn is_autonomous(&self) -> bool {
         false
+    }
+    /// Its events, where it has any.
+    fn events(&mut self) -> Option<&mut dyn Events<Error = Self::Error>> {
+        None
     }
     /// Derivatives of the derivative along increments of q, by v and by the auxiliary quantities; returns the evaluations it took.
     ///

@@ -54,8 +54,11 @@ pub struct WideDynamics<'a> {
 }
 
 impl<'a> WideDynamics<'a> {
-    /// Of a mechanism; `None` if one of its forces cannot be had in these numbers ([`Force::add_wide`]).
+    /// Of a mechanism; `None` if one of its forces cannot be had in these numbers ([`Force::add_wide`]), or if it switches.
     pub fn new(dynamics: &'a Dynamics) -> Option<Self> {
+        if dynamics.is_switching() {
+            return None;
+        }
         let model = System::model(dynamics);
         let layout =
             Layout::<Dd>::new(model).with_gravity(Vec3(dynamics.layout().gravity().0.map(Dd::from_f64)));

@@ -169,8 +169,15 @@ fn the_estimate_is_within_a_factor_ten_in_most_runs() {
                 let error = model.difference(exact.q(), end.q()).iter().fold(0.0f64, |m, x| m.max(x.abs()));
                 let samples = [State { t: *t_end, q: end.q().to_vec(), v: end.v().to_vec() }];
                 let start = (0.0, &q[..], &v[..], &[][..]);
-                let judged =
-                    JudgedRun { method, tolerances, start, steps: &steps, breaks: &[], samples: &samples };
+                let judged = JudgedRun {
+                    method,
+                    tolerances,
+                    start,
+                    steps: &steps,
+                    breaks: &[],
+                    samples: &samples,
+                    events: &[],
+                };
                 let estimate = estimate_error(&mut dynamics, &judged).unwrap().q.unwrap_or(f64::INFINITY);
                 // Below 1e-12 rounding of the truth itself is of the size of the errors.
                 let both_tiny = error < 1e-12 && estimate < 1e-12;

@@ -3,7 +3,8 @@
 use crate::common::*;
 use phipsi_model::{Model, State};
 use phipsi_motion::forces::{
-    BodyWrench, JointDissipation, JointSpring, JointTorque, PointSpring, Servo, WrenchAxes,
+    BodyWrench, CentralGravity, JointDissipation, JointSpring, JointTorque, PointSpring, Servo, Thruster,
+    WrenchAxes,
 };
 use phipsi_motion::system::differences;
 use phipsi_motion::{Dynamics, Force, Integrator, Linearization, Method, Signal, System, Tolerances};
@@ -63,6 +64,15 @@ fn forces(model: &Model, seed: u64) -> Vec<Box<dyn Force>> {
         point: Vec3([0.2, 0.1, -0.3]),
         axes: WrenchAxes::World,
         components: pull,
+    }));
+    forces.push(Box::new(CentralGravity::new("planet", model, 7.0, [3.0, -4.0, 5.0])));
+    forces.push(Box::new(Thruster {
+        name: "thruster".into(),
+        body,
+        point: Vec3([0.1, 0.2, 0.3]),
+        direction: Vec3([0.6, 0.0, 0.8]),
+        thrust: Signal::Constant(0.7),
+        specific_impulse: Some(200.0),
     }));
     forces.extend(JointDissipation::new(model, 0.5).map(|d| Box::new(d) as Box<dyn Force>));
     forces

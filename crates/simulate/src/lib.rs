@@ -8,6 +8,7 @@ pub mod check;
 pub mod convert;
 pub mod drift;
 pub mod error;
+pub mod event_record;
 pub mod folder;
 pub mod level;
 pub mod molecule;
@@ -22,7 +23,8 @@ pub mod simulation;
 pub mod stiffness;
 
 pub use error::SimulateError;
+pub use event_record::EventRecord;
 pub use output::{Output, Quantity};
 pub use record::{LimitPassed, Observer, Recording, Row, StepRecord};
 pub use run::{ClosureRecord, Progress, RunState, Summary, resume, run};
-pub use simulation::{Choice, Simulation};
+pub use simulation::{Choice, JointBehavior, Simulation};

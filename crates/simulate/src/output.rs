@@ -67,23 +67,43 @@ pub struct Measured<'a> {
     pub balance: &'a Balance,
 }
 
+impl Quantity {
+    /// Its value where it follows from the motion alone; `None` for energies, and for points without poses.
+    pub fn of_motion(
+        &self,
+        layout: &Layout<f64>,
+        kinematics: Option<&Kinematics<f64>>,
+        q: &[f64],
+        v: &[f64],
+    ) -> Option<f64> {
+        let sum = |terms: &[(usize, f64)], of: &[f64]| terms.iter().map(|&(i, factor)| factor * of[i]).sum();
+        Some(match self {
+            Quantity::Coordinates(terms) => sum(terms, q),
+            Quantity::Velocities(terms) => sum(terms, v),
+            Quantity::Position(p, axis) => kinematics?.pose(layout, p.body).point(p.point).0[*axis],
+            Quantity::Velocity(p, axis) => {
+                let own = kinematics?.velocity_in_body(layout, p.body);
+                let rotation = kinematics?.pose(layout, p.body).rotation;
+                (rotation * (own.linear + own.angular.cross(p.point))).0[*axis]
+            }
+            Quantity::Distance(a, b) => {
+                let kinematics = kinematics?;
+                let place = |p: &BodyPoint| kinematics.pose(layout, p.body).point(p.point);
+                (place(a) - place(b)).norm()
+            }
+            Quantity::Energy(_) => return None,
+        })
+    }
+}
+
 impl Output {
     /// Its value at a state.
     pub fn value(&self, at: &Measured<'_>) -> f64 {
-        let place = |p: &BodyPoint| at.kinematics.pose(at.layout, p.body).point(p.point);
         match &self.quantity {
-            Quantity::Coordinates(terms) => terms.iter().map(|&(i, factor)| factor * at.q[i]).sum(),
-            Quantity::Velocities(terms) => terms.iter().map(|&(i, factor)| factor * at.v[i]).sum(),
-            Quantity::Position(p, axis) => place(p).0[*axis],
-            Quantity::Velocity(p, axis) => {
-                let own = at.kinematics.velocity_in_body(at.layout, p.body);
-                let rotation = at.kinematics.pose(at.layout, p.body).rotation;
-                (rotation * (own.linear + own.angular.cross(p.point))).0[*axis]
-            }
-            Quantity::Distance(a, b) => (place(a) - place(b)).norm(),
             Quantity::Energy(EnergyKind::Kinetic) => at.balance.kinetic,
             Quantity::Energy(EnergyKind::Potential) => at.balance.potential,
             Quantity::Energy(EnergyKind::Total) => at.balance.kinetic + at.balance.potential,
+            other => other.of_motion(at.layout, Some(at.kinematics), at.q, at.v).unwrap_or(f64::NAN),
         }
     }
 }

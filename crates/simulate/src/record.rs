@@ -59,7 +59,7 @@ impl LimitPassed {
         let LimitPassed { joint, position, limit, between: [t0, t1] } = self;
         format!(
             "joint `{joint}` passed its limit {limit} between t = {t0} and t = {t1} (then at {position}); \
-             limits do not act on the motion"
+             limits act on the motion where a scene has [joint_stops] only"
         )
     }
 }

@@ -18,6 +18,7 @@ pub mod study;
 use crate::error::SimulateError;
 use crate::scene::Scene;
 use advice::{Advice, MethodOrder};
+use phipsi_motion::Action;
 use reference::Reference;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -114,6 +115,8 @@ pub fn report(
         None => crate::folder::next_free(Path::new("reports"), &stem)?,
     };
     let budget = Budget::new(budget_s);
+    let stops = scene.simulation.dynamics.user_events().iter().any(|e| matches!(e.action, Action::Stop));
+    scene.simulation.dynamics.pass_over_stops(true);
     let reference =
         Reference::new(&mut scene.simulation, 0.5 * budget_s, &budget, watcher).inspect_err(|_| {
             // A folder without a report would only take the name; it is empty, or stays.
@@ -131,7 +134,10 @@ pub fn report(
         trials: Vec::new(),
         orders: Vec::new(),
         advice: Vec::new(),
-        left_out: Vec::new(),
+        left_out: match stops {
+            true => vec!["events that stop a run: all runs go on to t_end".into()],
+            false => Vec::new(),
+        },
         path: path.display().to_string(),
         overrides: scene.overrides.clone(),
         present: scene.integrator_keys.clone(),

@@ -1,14 +1,16 @@
 //! The run loop: steps, samples, balances, limits, checkpoints, and the error estimate at the end.
 
 use crate::error::SimulateError;
+use crate::event_record::EventRecord;
 use crate::output::{Measured, reference_error};
 use crate::record::{LimitPassed, Observer, Row, StepRecord};
 use crate::simulation::Simulation;
 use phipsi_model::Model;
 use phipsi_molecule::{Bath, BathState, Trials};
 use phipsi_motion::{
-    Balance, Conserved, Dynamics, ErrorEstimate, JudgedRun, Linearization, Method, MotionError, Projected,
-    Scheme, StepError, StepInfo, Stepper, StepperState, System, balance, estimate_error,
+    Balance, Conserved, Dynamics, ErrorEstimate, Events, JudgedRun, Linearization, Method, MotionError,
+    Occurrence, Projected, Scheme, StepError, StepInfo, Stepper, StepperState, System, balance,
+    estimate_error,
 };
 use phipsi_recursion::{DynamicsError, Kinematics};
 use serde::{Deserialize, Serialize};
@@ -61,6 +63,12 @@ pub struct RunState {
     pub steps: u64,
     /// Limits passed so far.
     pub limits: Vec<LimitPassed>,
+    /// What happened so far.
+    #[serde(default)]
+    pub events: Vec<Occurrence>,
+    /// True if an event has ended the run.
+    #[serde(default)]
+    pub ended: bool,
     /// Wall time spent so far, s.
     pub wall_s: f64,
 }
@@ -77,6 +85,8 @@ pub struct Progress<'a> {
     bath: Option<&'a Bath>,
     conserved: &'a Conserved,
     closures: Option<ClosureRecord>,
+    events: &'a [Occurrence],
+    ended: bool,
     rows: u64,
     steps: u64,
     wall_s: f64,
@@ -93,6 +103,8 @@ impl Progress<'_> {
             rows: self.rows,
             steps: self.steps,
             limits: self.limits.to_vec(),
+            events: self.events.to_vec(),
+            ended: self.ended,
             wall_s: self.wall_s,
         }
     }
@@ -131,6 +143,10 @@ pub struct Summary {
     pub reference_error: Option<f64>,
     /// Limits that were passed.
     pub limits: Vec<LimitPassed>,
+    /// Events, impacts, stick and slip, in the order of time.
+    pub events: Vec<EventRecord>,
+    /// True if an event ended the run.
+    pub ended_by_event: bool,
     /// False if an observer stopped the run.
     pub finished: bool,
 }
@@ -165,7 +181,10 @@ struct Runner<'a> {
     rows: u64,
     steps: u64,
     limits: Vec<LimitPassed>,
-    /// One-axis joints with limits: (joint, index in q, limits).
+    events: Vec<Occurrence>,
+    /// True if an event has ended the run.
+    ended: bool,
+    /// One-axis joints with limits that are no stops: (joint, index in q, limits).
     limited: Vec<(usize, usize, [f64; 2])>,
     spent_s: f64,
     clock: Instant,
@@ -205,9 +224,13 @@ impl<'a> Runner<'a> {
             return Err(SimulateError::Start("the checkpoint is of another scene".into()));
         }
         let model = simulation.dynamics.model();
+        let has_stops = |k: usize| {
+            let mut stops = simulation.dynamics.switches().iter().filter(|s| s.stops.is_some());
+            stops.any(|s| s.dof == model.v_offset(k))
+        };
         let limited = model
             .moving_joints()
-            .filter(|&k| model.joints()[k].kind.nv() == 1)
+            .filter(|&k| model.joints()[k].kind.nv() == 1 && !has_stops(k))
             .filter_map(|k| Some((k, model.q_offset(k), model.joints()[k].limits.position?)))
             .collect();
         let mut runner = Runner {
@@ -217,6 +240,8 @@ impl<'a> Runner<'a> {
             rows: 0,
             steps: 0,
             limits: Vec::new(),
+            events: Vec::new(),
+            ended: false,
             limited,
             spent_s: 0.0,
             clock: Instant::now(),
@@ -234,6 +259,7 @@ impl<'a> Runner<'a> {
             runner.closures = s.closures;
             (runner.rows, runner.steps) = (s.rows, s.steps);
             runner.limits = s.limits;
+            (runner.events, runner.ended) = (s.events, s.ended);
             runner.spent_s = s.wall_s;
         }
         Ok(runner)
@@ -256,7 +282,7 @@ impl<'a> Runner<'a> {
         let mut stopped = observer.stop();
         // A fixed step that ends within rounding of the end has reached it.
         let last = t_end - self.simulation.choice.method.fixed_step().map_or(0.0, |step| 1e-6 * step);
-        while !stopped && self.stepper.t() < last {
+        while !stopped && !self.ended && self.stepper.t() < last {
             let t = self.stepper.t();
             let next = breaks.partition_point(|b| *b <= t);
             let limit = breaks.get(next).copied().unwrap_or(t_end);
@@ -287,6 +313,8 @@ impl<'a> Runner<'a> {
     /// One accepted step with everything that is looked at after it.
     fn step(&mut self, limit: f64, is_break: bool, observer: &mut dyn Observer) -> Result<(), SimulateError> {
         let info = self.advance(limit, is_break)?;
+        self.events.extend_from_slice(self.stepper.occurrences());
+        self.ended |= info.stop;
         if let (Some(record), Some(projected)) = (&mut self.closures, &info.projected) {
             record.record(projected);
         }
@@ -318,7 +346,7 @@ impl<'a> Runner<'a> {
                 };
                 self.stepper.with_midpoint(act).and_then(|_| {
                     let projected = self.stepper.residual()?;
-                    Ok(StepInfo { t0, t1: self.stepper.t(), projected })
+                    Ok(StepInfo { t0, t1: self.stepper.t(), projected, event: false, stop: false })
                 })
             }
         };
@@ -328,16 +356,22 @@ impl<'a> Runner<'a> {
     fn progress(&self) -> Progress<'_> {
         Progress {
             t: self.stepper.t(),
-            t_end: self.simulation.t_end,
+            t_end: self.end(),
             limits: &self.limits,
             stepper: &self.stepper,
             bath: self.bath.as_ref(),
             conserved: &self.conserved,
             closures: self.closures,
+            events: &self.events,
+            ended: self.ended,
             rows: self.rows,
             steps: self.steps,
             wall_s: self.wall_s(),
         }
+    }
+    /// Where the run ends: earlier than it should if an event has ended it.
+    fn end(&self) -> f64 {
+        if self.ended { self.stepper.t() } else { self.simulation.t_end }
     }
 
     fn balance(&mut self) -> Result<Balance, DynamicsError> {
@@ -354,11 +388,14 @@ impl<'a> Runner<'a> {
 
     /// Records the samples that are due up to the present time.
     fn record_due(&mut self, observer: &mut dyn Observer) -> Result<(), SimulateError> {
-        let samples = self.simulation.samples();
+        let end = self.end();
+        let samples = self.simulation.samples_until(end);
         // Times of fixed steps are multiples of the step, those of samples of the interval: equal up to rounding.
         let slack = self.simulation.choice.method.fixed_step().map_or(0.0, |step| 1e-6 * step);
-        while self.rows < samples && self.simulation.sample_time(self.rows) <= self.stepper.t() + slack {
-            let t = self.simulation.sample_time(self.rows);
+        while self.rows < samples
+            && self.simulation.sample_time_until(self.rows, end) <= self.stepper.t() + slack
+        {
+            let t = self.simulation.sample_time_until(self.rows, end);
             let heat = self.heat();
             let dynamics = &mut self.simulation.dynamics;
             let model = dynamics.model();
@@ -404,6 +441,7 @@ impl<'a> Runner<'a> {
         let steps = observer.step_ends()?;
         let samples = observer.spread_rows(JUDGED_SAMPLES)?;
         let Simulation { dynamics, start, tolerances, .. } = &mut *self.simulation;
+        dynamics.pass_over_stops(true);
         let aux = vec![0.0; dynamics.auxiliary_len()];
         let judged = JudgedRun {
             method,
@@ -412,9 +450,12 @@ impl<'a> Runner<'a> {
             steps: &steps,
             breaks,
             samples: &samples,
+            events: &self.events,
         };
         let mut watched = Watched { dynamics, stop: &|| observer.stop() };
-        match estimate_error(&mut watched, &judged) {
+        let estimate = estimate_error(&mut watched, &judged);
+        watched.dynamics.pass_over_stops(false);
+        match estimate {
             Ok(_) if observer.stop() => Ok(None),
             Ok(estimate) => Ok(Some(estimate)),
             Err(_) if observer.stop() => Ok(None),
@@ -445,7 +486,9 @@ impl<'a> Runner<'a> {
         let names = self.simulation.outputs.iter().map(|o| o.name.clone());
         let outputs: Vec<(String, f64)> = names.zip(row.outputs).collect();
         let value = |name: &str| outputs.iter().find(|(n, _)| n == name).map(|(_, x)| *x);
-        let at_end = self.rows == self.simulation.samples();
+        let at_end = self.rows >= self.simulation.samples();
+        let dynamics = &self.simulation.dynamics;
+        let events = self.events.iter().map(|o| EventRecord::new(o, dynamics)).collect();
         Ok(Summary {
             t,
             q,
@@ -463,6 +506,8 @@ impl<'a> Runner<'a> {
             reference_error: if at_end { reference_error(&self.simulation.known, value) } else { None },
             outputs,
             limits: self.limits,
+            events,
+            ended_by_event: self.ended,
             finished,
         })
     }
@@ -524,6 +569,9 @@ impl System for Watched<'_> {
     }
     fn is_autonomous(&self) -> bool {
         self.dynamics.is_autonomous()
+    }
+    fn events(&mut self) -> Option<&mut dyn Events<Error = MotionError>> {
+        self.dynamics.events()
     }
     fn linearize(
         &mut self,

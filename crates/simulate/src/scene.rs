@@ -13,6 +13,9 @@
 //! | `[initial]` | `q.JOINT`, `v.JOINT`: a number, or a list for joints with several coordinates; others are neutral; `assemble` = true closes the loops |
 //! | `[[motion]]` | `joint`, `component`, and one of `position`, `velocity`, `acceleration`: a function of time that the joint follows |
 //! | `[[force]]` | `kind` with its parameters, see below; `name` |
+//! | `[joint_stops]` | `restitution`: a number, or { JOINT = number }: limits act as stops |
+//! | `[friction]` | `breakaway_ratio`: a number of 1 or more, or { JOINT = number }: breakaway over sliding force of dry friction |
+//! | `[[event]]` | `when` = an expression of t, `q.JOINT`, `v.JOINT` and outputs; `direction` = "rising", "falling" or "either"; `action` = "record" or "stop"; `name` |
 //! | `[integrator]` | `t_end`; `method` = "auto", "dop853", "tsit5", "rodas4", "rodas5p" with `rtol`, `atol`, `max_step`, or "rk4", "midpoint" with `step`; `estimate`; `form` of forward dynamics |
 //! | `[record]` | `every`, s; `checkpoint_s`, wall time between checkpoints (2; 0: after every step) |
 //! | `[outputs]` | NAME = { … }, see below |
@@ -21,7 +24,8 @@
 //! Forces: `torque` (`joint`, `component`, `value`), `servo` (`joint`, `target`, `stiffness`, `damping`, `integral`, `limit`),
 //! `spring` and `damper` at a joint (`joint`, `stiffness`, `damping`, `rest`) or between points (`body_a`, `point_a`,
 //! `body_b`, `point_b`, `stiffness`, `damping`, `rest_length`), `wrench` (`body`, `point`, `axes` = "body" or "world",
-//! `moment`, `force`). `value`, `target` and the components of `moment` and `force` are functions of time: a number, an
+//! `moment`, `force`), `thruster` (`body`, `point`, `direction`, `thrust`, `on` = spans of time, `specific_impulse`),
+//! `central_gravity` (`mu`, `center`). `value`, `thrust`, `target` and the components of `moment` and `force` are functions of time: a number, an
 //! expression in t such as "0.3*sin(2*pi*t)", or a table [[time, value], …].
 //!
 //! Beams: `length`, `mass_per_length`, `bending_stiffness` = [along y, along z], `torsional_stiffness`, `polar_inertia`,
@@ -31,7 +35,9 @@
 //! Outputs: `joint` (with `component`, `of` = "q" or "v"), `joints` (a sum, with `factors`), `body` with `point`, `axis` and
 //! `of` = "position" or "velocity", `body_a` … `point_b` (a distance), `energy` = "kinetic", "potential" or "total".
 
+mod behavior;
 mod closure;
+mod event;
 mod flexible;
 mod force;
 mod mechanism;
@@ -47,7 +53,7 @@ use crate::error::SimulateError;
 use crate::simulation::{Choice, Simulation};
 use phipsi_formats::{Note, Problem, Report};
 use phipsi_model::State;
-use phipsi_motion::{Prescription, Scheme};
+use phipsi_motion::{MotionError, Prescription, Scheme, System as _};
 use phipsi_recursion::singular_hinges;
 use std::path::{Path, PathBuf};
 use tree::Table;
@@ -175,9 +181,11 @@ fn read(
     let mut forces = force::read(&mut scene, &model, end, report);
     let joints = motion::read(&mut scene, &model, end, report);
     let breaks: usize = forces.iter().map(|f| f.breaks().len()).sum();
+    let behavior = behavior::read(&mut scene, &model, friction_speed, report);
     let settings = settings::integrator(&mut scene, breaks, is_molecule, report);
     let record = settings.as_ref().map(|s| settings::record(&mut scene, s, report));
     let outputs = output::read(&mut scene, &model, report);
+    let events = event::read(&mut scene, &model, &outputs, report);
     let (known, known_source) = output::reference(&mut scene, &outputs, report);
     let molecule = molecule.map(|m| {
         forces.extend(m.forces);
@@ -201,6 +209,9 @@ fn read(
         "initial",
         "force",
         "motion",
+        "joint_stops",
+        "friction",
+        "event",
         "integrator",
         "record",
         "outputs",
@@ -210,12 +221,20 @@ fn read(
     scene.finish(report);
     let (Some(settings), Some((every, checkpoint_s))) = (settings, record) else { return Err(reports) };
     let prescription = Prescription { joints, closures: moving };
-    let created = Simulation::prescribed(&model, forces, &prescription, settings.t_end, friction_speed);
+    let created = Simulation::prescribed(&model, forces, &prescription, settings.t_end, behavior);
     let mut simulation = match created {
-        Ok(simulation) => simulation,
+        Ok(simulation) => simulation.with_events(events),
         Err(e) => {
-            let required = "closures of rigid bodies and couplings of joints with one axis";
-            let remedy = "remove the closure, or set mimic = \"free\" in [model]";
+            let (required, remedy) = match e {
+                MotionError::Switch { .. } => (
+                    "stops with room between them and friction of rigid bodies",
+                    "correct the joint, or name those with stops in [joint_stops]",
+                ),
+                _ => (
+                    "closures of rigid bodies and couplings of joints with one axis",
+                    "remove the closure, or set mimic = \"free\" in [model]",
+                ),
+            };
             report.errors.push(Problem::new(None, "model", e.to_string(), required, remedy));
             return Err(reports);
         }
@@ -235,7 +254,14 @@ fn read(
     simulation.molecule = molecule;
     simulation.choice = settings.choice;
     let is_constrained = simulation.dynamics.is_constrained();
+    let has_events = simulation.dynamics.events().is_some();
     match simulation.choice.method {
+        Scheme::Midpoint { .. } if has_events => {
+            let found = "method = \"midpoint\" with events, joint stops or dry friction";
+            let (required, remedy) =
+                ("an adaptive method or \"rk4\"", "use \"dop853\", \"tsit5\" or \"rodas5p\"");
+            report.errors.push(Problem::new(None, "integrator", found, required, remedy));
+        }
         Scheme::Midpoint { .. } if simulation.dynamics.is_prescribed() => {
             let found = "method = \"midpoint\" with prescribed motions";
             let (required, remedy) = ("an explicit method", "use \"dop853\", \"tsit5\" or \"rk4\"");

@@ -7,7 +7,8 @@ use phipsi_formats::Problem;
 use phipsi_model::{Model, State};
 use phipsi_motion::forces::JointDissipation;
 use phipsi_motion::{
-    Dynamics, Force, Method, MotionError, Prescription, Projected, Scheme, System, Tolerances,
+    Dynamics, Event, Force, JointSwitch, Method, MotionError, Prescription, Projected, Scheme, System,
+    Tolerances,
 };
 
 /// Tolerance where nothing else is said.
@@ -71,6 +72,31 @@ pub fn method_name(method: Scheme) -> &'static str {
     }
 }
 
+/// How limits and dry friction of a model's joints act.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct JointBehavior {
+    /// Restitution of the stops of each joint of the model; joints without one move through their limits, which is told.
+    pub restitution: Vec<Option<f64>>,
+    /// Breakaway over sliding force of each joint of the model; 1 where it is missing.
+    pub breakaway_ratio: Vec<f64>,
+    /// Speed at which dry friction is regularised, rad/s or m/s; `None`: it sticks and slips.
+    pub friction_speed: Option<f64>,
+}
+
+impl JointBehavior {
+    /// Joints that switch.
+    fn switches(&self, model: &Model) -> Vec<JointSwitch> {
+        let ratio = |k: usize| self.breakaway_ratio.get(k).copied().unwrap_or(1.0);
+        let restitution = |k: usize| self.restitution.get(k).copied().flatten();
+        let mut switches = JointSwitch::of_model(model, ratio, restitution);
+        if self.friction_speed.is_some() {
+            switches.iter_mut().for_each(|s| s.friction = None);
+            switches.retain(|s| s.stops.is_some());
+        }
+        switches
+    }
+}
+
 /// Everything that a run needs. Made from a scene file ([`crate::scene::load`]) or from a model in memory.
 ///
 /// ```
@@ -123,9 +149,10 @@ impl Simulation {
     /// # Errors
     /// [`MotionError`]: a coupling that cannot be, loops of flexible bodies.
     pub fn new(model: &Model, forces: Vec<Box<dyn Force>>, t_end: f64) -> Result<Self, MotionError> {
-        Self::prescribed(model, forces, &Prescription::default(), t_end, JointDissipation::SPEED)
+        Self::prescribed(model, forces, &Prescription::default(), t_end, JointBehavior::default())
     }
-    /// The same where motions are given as functions of time, and with dry friction regularised at a given speed, rad/s or m/s.
+    /// The same where motions are given as functions of time, and limits and dry friction act as said. Joints of models with flexible
+    /// bodies cannot be held: their friction is regularised.
     ///
     /// # Errors
     /// As [`Simulation::new`]; [`MotionError::Prescription`].
@@ -134,19 +161,27 @@ impl Simulation {
         mut forces: Vec<Box<dyn Force>>,
         prescription: &Prescription,
         t_end: f64,
-        speed: f64,
+        mut behavior: JointBehavior,
     ) -> Result<Self, MotionError> {
         let mut approximated = Vec::new();
-        if let Some(force) = JointDissipation::new(model, speed) {
+        if model.bodies().iter().any(|b| b.flexible.is_some()) {
+            behavior.friction_speed.get_or_insert(JointDissipation::SPEED);
+        }
+        let dissipation = match behavior.friction_speed {
+            Some(speed) => JointDissipation::new(model, speed),
+            None => JointDissipation::damping(model),
+        };
+        if let Some(force) = dissipation {
             if force.has_friction() {
                 approximated.push(format!(
-                    "dry friction of joints is regularised: −f tanh(v/s) with s = {speed} rad/s or m/s; \
-                     below that speed joints creep instead of sticking"
+                    "dry friction of joints is regularised: −f tanh(v/s) with s = {} rad/s or m/s; \
+                     below that speed joints creep instead of sticking",
+                    force.speed()
                 ));
             }
             forces.push(Box::new(force));
         }
-        let dynamics = Dynamics::prescribed(model, forces, prescription)?;
+        let dynamics = Dynamics::switching(model, forces, prescription, behavior.switches(model))?;
         let tolerances = Tolerances::new(DEFAULT_TOLERANCE);
         let breaks = dynamics.breaks().len();
         Ok(Simulation {
@@ -187,13 +222,25 @@ impl Simulation {
     }
     /// Number of recorded samples, the start and the end included.
     pub fn samples(&self) -> u64 {
-        let span = (self.t_end - self.start.t) / self.every;
+        self.samples_until(self.t_end)
+    }
+    /// The same where the run ends at another time: an event stops it.
+    pub(crate) fn samples_until(&self, end: f64) -> u64 {
+        let span = (end - self.start.t) / self.every;
         // A last interval of less than a millionth is rounding, not a sample of its own.
         (span - 1e-6).max(0.0).ceil() as u64 + 1
     }
     /// Time of the k-th recorded sample.
     pub fn sample_time(&self, k: u64) -> f64 {
-        if k + 1 >= self.samples() { self.t_end } else { self.start.t + k as f64 * self.every }
+        self.sample_time_until(k, self.t_end)
+    }
+    pub(crate) fn sample_time_until(&self, k: u64, end: f64) -> f64 {
+        if k + 1 >= self.samples_until(end) { end } else { self.start.t + k as f64 * self.every }
+    }
+    /// With events of functions of the state.
+    pub fn with_events(mut self, events: Vec<Event>) -> Self {
+        self.dynamics.add_events(events);
+        self
     }
     /// The form of forward dynamics and why it is that one, for people; `None` where the method has none.
     pub fn form(&self) -> Option<(&'static str, String)> {

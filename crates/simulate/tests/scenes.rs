@@ -193,7 +193,8 @@ fn limits_that_are_passed_are_told_with_joint_and_time() {
 
 #[test]
 fn friction_is_reported_as_approximated_with_its_speed() {
-    let text = PENDULUM.replace("axis = [0, 1, 0]", "axis = [0, 1, 0]\ndynamics = { friction = 0.1 }");
+    let text = PENDULUM.replace("axis = [0, 1, 0]", "axis = [0, 1, 0]\ndynamics = { friction = 0.1 }")
+        + "[model]\nfriction_speed = 0.01\n";
     let scene = scene(&text).unwrap();
     let notes: Vec<String> = scene.reports[0].approximated.iter().map(|n| n.what.clone()).collect();
     assert!(notes.iter().any(|n| n.contains("regularised") && n.contains("0.01")), "{notes:?}");

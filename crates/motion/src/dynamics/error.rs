@@ -27,6 +27,20 @@ pub enum MotionError {
     },
     /// The midpoint method was asked for with prescribed motions.
     Driven,
+    /// Stops or dry friction that cannot be.
+    Switch {
+        /// What is wrong.
+        what: String,
+    },
+    /// A joint that starts, or is put, beyond one of its stops.
+    BeyondStop {
+        /// The joint.
+        joint: String,
+        /// Where it is, rad or m.
+        position: f64,
+        /// Its stop.
+        stop: f64,
+    },
 }
 
 impl fmt::Display for MotionError {
@@ -43,6 +57,11 @@ impl fmt::Display for MotionError {
             MotionError::Prescription { what } => {
                 write!(f, "{what}; give one motion for each degree of freedom of a joint or row of a closure")
             }
+            MotionError::Switch { what } => f.write_str(what),
+            MotionError::BeyondStop { joint, position, stop } => write!(
+                f,
+                "joint `{joint}` is at {position}, beyond its stop at {stop}; start it inside, or take its stops away"
+            ),
             MotionError::Driven => f.write_str(
                 "the midpoint method does not know prescribed motions; use \"dop853\", \"tsit5\" or \"rk4\"",
             ),

@@ -33,6 +33,17 @@ impl JointDissipation {
         }
         (!terms.is_empty()).then_some(JointDissipation { terms, speed })
     }
+    /// Damping alone; `None` if no joint has any.
+    pub fn damping(model: &Model) -> Option<Self> {
+        let mut force = Self::new(model, Self::SPEED)?;
+        force.terms.retain(|t| t.1 != 0.0);
+        force.terms.iter_mut().for_each(|t| t.2 = 0.0);
+        (!force.terms.is_empty()).then_some(force)
+    }
+    /// s, rad/s or m/s.
+    pub fn speed(&self) -> f64 {
+        self.speed
+    }
     /// True if a joint has dry friction.
     pub fn has_friction(&self) -> bool {
         self.terms.iter().any(|t| t.2 != 0.0)

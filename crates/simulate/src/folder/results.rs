@@ -3,6 +3,7 @@
 use super::inputs::Input;
 use super::summary::short;
 use crate::drift::drift;
+use crate::event_record::EventRecord;
 use crate::level::instruction_level;
 use crate::record::Row;
 use crate::run::Summary;
@@ -12,6 +13,9 @@ use phipsi_motion::Scheme;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::path::Path;
+
+/// Most events that are listed.
+const MOST_EVENTS: usize = 1000;
 
 /// How far a run has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -144,6 +148,15 @@ pub struct Results {
     pub energy_removed: Option<f64>,
     /// Largest relative error of outputs with known values.
     pub reference_error: Option<f64>,
+    /// Events, impacts, stick and slip in the order of time: the first ones, at most 1000.
+    #[serde(default)]
+    pub events: Vec<EventRecord>,
+    /// All of them.
+    #[serde(default)]
+    pub event_count: usize,
+    /// The event that ended the run.
+    #[serde(default)]
+    pub ended_by: Option<String>,
 }
 
 /// A state.
@@ -353,6 +366,9 @@ impl Results {
                 .map(|c| ClosureResidual { position: c.position, velocity: c.velocity }),
             energy_removed: summary.closures.map(|c| c.energy_removed),
             reference_error: summary.reference_error,
+            events: summary.events.iter().take(MOST_EVENTS).cloned().collect(),
+            event_count: summary.events.len(),
+            ended_by: summary.events.last().filter(|_| summary.ended_by_event).map(|e| e.name.clone()),
         }
     }
 }

@@ -2,6 +2,9 @@
 
 use super::results::{Results, RunFile, Status};
 
+/// Most events that are shown.
+const MOST_EVENTS: usize = 12;
+
 /// Rows of the table: what, and lines about it.
 pub fn summary(file: &RunFile) -> Vec<(&'static str, Vec<String>)> {
     let mut rows = vec![("scene", vec![file.title.clone()])];
@@ -22,7 +25,12 @@ fn of_results(file: &RunFile, results: &Results) -> Vec<(&'static str, Vec<Strin
     let Results { steps, rejected, evaluations, .. } = results;
     let unit = &plan.time_unit;
     let duration = match file.status {
-        Status::Finished => format!("{} {unit}", short(plan.t_end)),
+        Status::Finished => match &results.ended_by {
+            Some(event) => {
+                format!("{} of {} {unit}: event `{event}`", short(results.end.t), short(plan.t_end))
+            }
+            None => format!("{} {unit}", short(plan.t_end)),
+        },
         _ => format!("{} of {} {unit}", short(results.end.t), short(plan.t_end)),
     };
     let mut rows = vec![
@@ -79,12 +87,26 @@ fn of_results(file: &RunFile, results: &Results) -> Vec<(&'static str, Vec<Strin
     if let Some(e) = results.reference_error {
         rows.push(("reference error", vec![format!("{e:.1e}")]));
     }
+    if !results.events.is_empty() {
+        rows.push(("events", events(results, unit)));
+    }
     let outputs: Vec<String> =
         results.outputs.iter().map(|(name, x)| format!("{name} = {}", number(x))).collect();
     if !outputs.is_empty() {
         rows.push(("outputs", outputs));
     }
     rows
+}
+
+/// The first events, and how many more there are.
+fn events(results: &Results, unit: &str) -> Vec<String> {
+    let line = |e: &crate::event_record::EventRecord| format!("t = {} {unit}: {}", e.t, e.what);
+    let shown = if results.events.len() <= MOST_EVENTS { MOST_EVENTS } else { MOST_EVENTS - 1 };
+    let mut lines: Vec<String> = results.events.iter().take(shown).map(line).collect();
+    if results.event_count > lines.len() {
+        lines.push(format!("… {} more: run.json has the first 1000", results.event_count - lines.len()));
+    }
+    lines
 }
 
 fn estimate(results: &Results, unit: &str) -> String {

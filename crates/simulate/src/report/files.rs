@@ -25,7 +25,7 @@ pub fn write(report: &Report, folder: &Path) -> Result<(), SimulateError> {
 pub fn csv(report: &Report) -> String {
     let mut text = String::from(
         "method,tolerance,step,error_q,error_v,error_end_q,error_end_v,energy_error,energy_drift,energy_noise,angular_momentum_error,\
-         linear_momentum_error,reference_error,steps,rejected,evaluations,wall_s,failed\n",
+         linear_momentum_error,closure_position,closure_velocity,reference_error,steps,rejected,evaluations,wall_s,failed\n",
     );
     for t in &report.trials {
         let number = |x: Option<f64>| x.filter(|x| x.is_finite()).map_or(String::new(), |x| format!("{x:e}"));
@@ -41,6 +41,8 @@ pub fn csv(report: &Report) -> String {
             t.drift.map(|d| d.noise),
             t.momentum_error.map(|m| m[0]),
             t.momentum_error.map(|m| m[1]),
+            t.closure_residual.map(|c| c[0]),
+            t.closure_residual.map(|c| c[1]),
             t.reference_error,
         ];
         let failed = t.failed.as_deref().map_or(String::new(), |f| format!("\"{}\"", f.replace('"', "\"\"")));
@@ -77,6 +79,8 @@ impl Trial {
             "energy_error": self.energy_error,
             "energy_drift": self.drift.map(|d| json!({"slope": d.slope, "error": d.error, "noise": d.noise})),
             "momentum_error": self.momentum_error.map(|[angular, linear]| json!({"angular": angular, "linear": linear})),
+            "closure_residual":
+                self.closure_residual.map(|[position, velocity]| json!({"position": position, "velocity": velocity})),
             "reference_error": self.reference_error,
             "steps": self.steps, "rejected": self.rejected, "evaluations": self.evaluations, "wall_s": self.wall_s,
             "failed": self.failed,
@@ -260,6 +264,14 @@ fn charts(report: &Report) -> Vec<Chart> {
         let linear = series(work, &|t| t.momentum_error.map(|m| m[1]));
         charts.push(log("Angular momentum error", "evaluations", "relative", angular));
         charts.push(log("Linear momentum error", "evaluations", "relative", linear));
+    }
+    for (i, (title, unit)) in
+        [("Closure residual", "m or rad"), ("Residual of closures' rates", "m/s or rad/s")]
+            .into_iter()
+            .enumerate()
+    {
+        let residual = series(work, &|t| t.closure_residual.map(|c| c[i]));
+        charts.push(log(title, "evaluations", unit, residual));
     }
     charts.retain(|c| !c.series.is_empty());
     let difference = |name: &str, value: &dyn Fn(&(f64, f64, f64)) -> f64| Series {

@@ -41,6 +41,9 @@ const WIDE: f64 = 1e-18;
 /// Tolerance of the third reference, and the agreement of the others that is worse than it should be.
 const THIRD: f64 = 1e-12;
 
+/// Tolerance of the second reference where events need one that steps.
+const OTHER: f64 = 1e-13;
+
 /// Cost of an evaluation in double-double numbers over one in f64 (docs, Accuracy of forward dynamics).
 const WIDE_COST: f64 = 60.0;
 
@@ -126,7 +129,9 @@ impl Reference {
         let judged = |second: &Track| second.states.len();
         let mut why_not_wide = None;
         let mut second = None;
-        if predicted > seconds {
+        if simulation.dynamics.is_switching() {
+            why_not_wide = Some("joints of the scene strike stops, stick or slip".into());
+        } else if predicted > seconds {
             why_not_wide = Some(format!("it would take about {predicted:.0} s"));
         } else {
             match wide(simulation, &first, &times, 0.5 * seconds, &mut look) {
@@ -137,13 +142,24 @@ impl Reference {
                 Some(track) => why_not_wide = track.ended,
             }
         }
+        let switching = simulation.dynamics.is_switching();
         let (second, wide) = match second {
             Some(second) => second,
+            None if switching => {
+                // Extrapolation does not look for events.
+                let tolerances =
+                    Tolerances { rtol: OTHER, atol: OTHER, max_step: simulation.tolerances.max_step };
+                let known = &times[..first.states.len()];
+                let other =
+                    by_steps(simulation, Method::Tsit5, tolerances, known, &breaks, seconds, &mut look)?;
+                (other, false)
+            }
             None => (plain(simulation, &first, &breaks, seconds, &mut look), false),
         };
         let mut methods = [
             format!("dop853, tolerance {tolerance:e}"),
             match wide {
+                _ if switching => format!("tsit5, tolerance {OTHER:e}"),
                 true => format!("extrapolation of order 16, tolerance {WIDE:e}, double-double numbers"),
                 false => format!("extrapolation of order 16, tolerance {PLAIN:e}"),
             },

@@ -49,6 +49,8 @@ pub struct Trial {
     pub drift: Option<Drift>,
     /// Relative imbalances of angular and linear momentum.
     pub momentum_error: Option<[f64; 2]>,
+    /// Largest residuals of closures at the ends of steps: positions (m, rad) and velocities; `None` without closures.
+    pub closure_residual: Option<[f64; 2]>,
     /// Largest relative error of outputs with known values.
     pub reference_error: Option<f64>,
     /// Accepted steps.
@@ -171,6 +173,9 @@ fn fixed(simulation: &Simulation, report: &Report, rk4: bool) -> Result<Candidat
         return Err(Some(why));
     }
     let intervals = span / simulation.every;
+    if !simulation.dynamics.user_events().is_empty() || !simulation.dynamics.switches().is_empty() {
+        return Err(Some("midpoint: it knows no events, stops and dry friction".into()));
+    }
     if (intervals - intervals.round()).abs() > 1e-6 {
         let why =
             "midpoint: the run is not a whole number of record.every, and it has states at its steps only";
@@ -298,6 +303,7 @@ fn trial(
         energy_error: f64::NAN,
         drift: None,
         momentum_error: None,
+        closure_residual: None,
         reference_error: None,
         steps: 0,
         rejected: 0,
@@ -335,6 +341,7 @@ fn trial(
                 trial.energy_error = summary.energy_error;
                 trial.drift = if energies.len() < MOST_ROWS { drift(&energies) } else { None };
                 trial.momentum_error = summary.momentum_error;
+                trial.closure_residual = summary.closures.map(|c| [c.position, c.velocity]);
                 trial.reference_error = summary.reference_error;
                 (trial.steps, trial.rejected) = (summary.steps, summary.rejected);
                 trial.evaluations = summary.evaluations;

@@ -1,15 +1,17 @@
-//! `[[force]]`: torques, servos, springs, dampers and wrenches.
+//! `[[force]]`: torques, servos, springs, dampers, wrenches, thrusters and central gravity.
 
 use super::mechanism::{find_body, joint_dof};
 use super::signal;
-use super::tree::Table;
-use phipsi_formats::Report;
+use super::tree::{Table, Value, number_list};
+use phipsi_formats::{Note, Report};
 use phipsi_model::Model;
-use phipsi_motion::Force;
-use phipsi_motion::forces::{BodyWrench, JointSpring, JointTorque, PointSpring, Servo, WrenchAxes};
+use phipsi_motion::forces::{
+    BodyWrench, CentralGravity, JointSpring, JointTorque, PointSpring, Servo, Thruster, WrenchAxes,
+};
+use phipsi_motion::{Force, Signal};
 use phipsi_spatial::Vec3;
 
-const KINDS: [&str; 5] = ["torque", "servo", "spring", "damper", "wrench"];
+const KINDS: [&str; 7] = ["torque", "servo", "spring", "damper", "wrench", "thruster", "central_gravity"];
 
 /// All forces of a scene; kinks and jumps of their functions of time are looked for up to `t_end`.
 pub(crate) fn read(
@@ -29,6 +31,8 @@ pub(crate) fn read(
         let force = match kind {
             "torque" => torque(&mut table, name, model, t_end, report),
             "servo" => servo(&mut table, name, model, t_end, report),
+            "thruster" => thruster(&mut table, name, model, t_end, report),
+            "central_gravity" => central_gravity(&mut table, name, model, report),
             "wrench" => wrench(&mut table, name, model, t_end, report),
             kind if table.has("joint") => joint_spring(&mut table, name, kind, model, report),
             kind => point_spring(&mut table, name, kind, model, report),
@@ -123,6 +127,82 @@ fn wrench(table: &mut Table<'_>, name: String, model: &Model, t_end: f64, report
     };
     let ([mx, my, mz], [fx, fy, fz]) = (moment?, force?);
     Some(Box::new(BodyWrench { name, body, point, axes, components: [mx, my, mz, fx, fy, fz] }))
+}
+
+fn thruster(
+    table: &mut Table<'_>,
+    name: String,
+    model: &Model,
+    t_end: f64,
+    report: &mut Report,
+) -> MaybeForce {
+    let body = find_body(table, "body", model, report);
+    let point = Vec3(table.numbers("point", report).unwrap_or_default());
+    table.required("direction", report, "three numbers: along which it pushes the body, body axes");
+    let direction = table.numbers("direction", report).map(Vec3);
+    let length = direction.map(|d| d.norm());
+    if length.is_some_and(|length| !(length.is_finite() && length > 0.0)) {
+        let node = table.get("direction");
+        table.error(node, report, "a direction of length zero", "a direction", "give its components");
+        return None;
+    }
+    let thrust = match table.has("on") {
+        false => signal::required(table, "thrust", t_end, report),
+        true => on_off(table, report),
+    };
+    let specific_impulse = table.positive("specific_impulse", false, report);
+    if specific_impulse.is_some() {
+        let what = "its propellant is counted, but the mass of its body stays what it is";
+        report.approximated.push(Note::new(table.line, table.place.clone(), what));
+    }
+    let Some(body) = body? else {
+        let node = table.get("body");
+        table.error(node, report, "a thruster on the world", "a body that moves", "name another body");
+        return None;
+    };
+    let direction = direction?.scale(1.0 / length?);
+    Some(Box::new(Thruster { name, body, point, direction, thrust: thrust?, specific_impulse }))
+}
+
+/// A constant thrust that is there in the spans `on`.
+fn on_off(table: &mut Table<'_>, report: &mut Report) -> Option<Signal> {
+    table.required("thrust", report, "a thrust in N while it is on");
+    let thrust = table.number("thrust", report);
+    let node = table.get("on")?;
+    let spans: Option<Vec<[f64; 2]>> = match &node.value {
+        Value::List(items) => {
+            items.iter().map(|item| number_list(item).and_then(|s| <[f64; 2]>::try_from(s).ok())).collect()
+        }
+        _ => None,
+    };
+    let ordered =
+        |s: &Vec<[f64; 2]>| s.iter().all(|[a, b]| a < b) && s.windows(2).all(|w| w[0][1] <= w[1][0]);
+    match spans.filter(ordered) {
+        Some(spans) => Some(Thruster::on_off(thrust?, spans)),
+        None => {
+            let found = format!("on = {}", node.value.describe());
+            let required = "spans [[from, to], …] that do not overlap, in the order of time";
+            table.error(Some(node), report, found, required, "correct `on`");
+            None
+        }
+    }
+}
+
+fn central_gravity(table: &mut Table<'_>, name: String, model: &Model, report: &mut Report) -> MaybeForce {
+    table.required("mu", report, "G times the attracting mass, m³/s² (Earth: 3.986004418e14)");
+    let mu = table.positive("mu", false, report);
+    let center = table.numbers("center", report).unwrap_or_default();
+    if model.bodies().iter().any(|b| b.flexible.is_some()) {
+        let found = "central gravity on flexible bodies";
+        table.error(None, report, found, "rigid bodies", "remove the force or make the bodies rigid");
+        return None;
+    }
+    if model.gravity() != [0.0; 3] {
+        let [x, y, z] = model.gravity();
+        let what = format!("acts besides the uniform gravity ({x}, {y}, {z}) of [model]");
+        report.used.push(Note::new(table.line, table.place.clone(), what));
+    }
+    Some(Box::new(CentralGravity::new(name, model, mu?, center)))
 }
 
 /// The coordinate of a joint's degree of freedom; an error where it has none.

@@ -12,7 +12,6 @@ use phipsi_model::{
     Subject,
 };
 use phipsi_motion::MovingClosure;
-use phipsi_motion::forces::JointDissipation;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -23,8 +22,8 @@ pub(crate) struct Mechanism {
     pub(crate) files: Vec<SceneFile>,
     /// Reports on them.
     pub(crate) reports: Vec<Report>,
-    /// Speed at which dry friction is regularised.
-    pub(crate) friction_speed: f64,
+    /// Speed at which dry friction is regularised, where it is.
+    pub(crate) friction_speed: Option<f64>,
     /// Rows of closures that move.
     pub(crate) moving: Vec<MovingClosure>,
     /// What a molecule has besides.
@@ -42,7 +41,7 @@ pub(crate) fn read(
     let mut files = Vec::new();
     let mut builder = ModelBuilder::new("scene");
     let mut options = UrdfOptions::default();
-    let mut friction_speed = JointDissipation::SPEED;
+    let mut friction_speed = None;
     let has_bodies = scene.has("body");
     if let Some(mut table) = scene.table("model", report) {
         if let Some(word) = table.word("base", &["fixed", "free"], report) {
@@ -52,7 +51,7 @@ pub(crate) fn read(
             options.mimic = if word == "free" { Mimic::Free } else { Mimic::Closure };
         }
         let gravity = table.numbers::<3>("gravity", report);
-        friction_speed = table.positive("friction_speed", false, report).unwrap_or(friction_speed);
+        friction_speed = table.positive("friction_speed", false, report);
         if let Some(urdf) = table.text("urdf", report) {
             let path = folder.join(urdf);
             let loaded = urdf_builder_file(&path, &options);

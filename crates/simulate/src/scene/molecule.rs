@@ -13,7 +13,6 @@ use phipsi_molecule::{
     TorsionModel, draw_velocities, read_molecule, satisfied_constraints, strain,
 };
 use phipsi_motion::Force;
-use phipsi_motion::forces::JointDissipation;
 use phipsi_recursion::ArticulatedSweep;
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_spatial::Vec3;
@@ -180,14 +179,7 @@ pub(crate) fn read(
     let mut molecule = Molecule::new(torsion, seed);
     (molecule.temperature, molecule.distribution) = (temperature, Distribution::with_fixman(fixman));
     let molecule = Some(MoleculeScene { molecule, forces: own, start });
-    Ok(Mechanism {
-        model,
-        files,
-        reports,
-        friction_speed: JointDissipation::SPEED,
-        moving: Vec::new(),
-        molecule,
-    })
+    Ok(Mechanism { model, files, reports, friction_speed: None, moving: Vec::new(), molecule })
 }
 
 /// A strained start is told, and minimisation made where it was asked for; false where there is no start.

@@ -1,0 +1,195 @@
+//! Events, joint stops and dry friction in scenes.
+
+use phipsi_formats::Problem;
+use phipsi_simulate::folder::{RunFolder, Watcher};
+use phipsi_simulate::scene::{Scene, parse};
+use phipsi_simulate::{Recording, SimulateError, Summary, run};
+use std::cell::Cell;
+use std::path::Path;
+
+/// A ball of 1 kg over the ground.
+const BALL: &str = r#"
+[model]
+gravity = [0, 0, -10]
+[[body]]
+name = "ball"
+inertial = { mass = 1.0, inertia = { ixx = 0.1, iyy = 0.1, izz = 0.1 } }
+[[joint]]
+name = "height"
+type = "prismatic"
+parent = "world"
+child = "ball"
+axis = [0, 0, 1]
+limit = { lower = 0 }
+dynamics = { friction = 0.0 }
+[initial]
+q.height = 1.25
+[integrator]
+t_end = 4
+[joint_stops]
+restitution = 0.5
+[outputs]
+top = { body = "ball", point = [0, 0, 0.1], axis = "z" }
+energy = { energy = "total" }
+"#;
+
+fn scene(text: &str) -> Result<Scene, SimulateError> {
+    parse(text.into(), "test", "test.toml", Path::new(""), &[])
+}
+
+fn ran(text: &str) -> (Summary, Recording) {
+    let mut scene = scene(text).unwrap();
+    let mut recording = Recording::default();
+    let summary = run(&mut scene.simulation, &mut recording).unwrap();
+    (summary, recording)
+}
+
+fn error(old: &str, new: &str) -> Problem {
+    assert!(BALL.contains(old));
+    match scene(&BALL.replace(old, new)) {
+        Ok(_) => panic!("accepted: {new}"),
+        Err(SimulateError::Scene(reports)) => reports.into_iter().flat_map(|r| r.errors).next().unwrap(),
+        Err(e) => panic!("{e}"),
+    }
+}
+
+#[test]
+fn limits_are_stops_where_a_scene_says_so() {
+    let (summary, _) = ran(BALL);
+    // Half a second of fall, then flights of 1, 1/2, 1/4 … seconds up to 2.5 s.
+    let impacts: Vec<f64> = summary.events.iter().filter(|e| e.kind == "impact").map(|e| e.t).collect();
+    assert!((impacts[0] - 0.5).abs() < 1e-14 && (impacts[1] - 1.0).abs() < 1e-13, "{impacts:?}");
+    let rest: Vec<_> = summary.events.iter().filter(|e| e.kind == "rest").collect();
+    assert!(rest.len() == 1 && rest[0].endless && (rest[0].t - 1.5).abs() < 1e-9, "{rest:?}");
+    assert!(rest[0].what.contains("height") && rest[0].what.contains("infinitely many"));
+    assert_eq!((summary.q[0], summary.v[0]), (0.0, 0.0));
+    assert!(summary.energy_error < 1e-12 && summary.limits.is_empty());
+    // Impacts are found by both runs of the estimate.
+    let estimate = summary.error_estimate.unwrap();
+    assert_eq!(estimate.q, Some(0.0), "{estimate:?}");
+    let without = BALL.replace("[joint_stops]\nrestitution = 0.5\n", "");
+    let (summary, _) = ran(&without);
+    assert!(summary.events.is_empty());
+    assert!(summary.limits[0].describe().contains("joint_stops"));
+}
+
+#[test]
+fn events_are_recorded_or_stop_the_run() {
+    let with = |more: &str| format!("{BALL}\n{more}\n");
+    let (summary, _) = ran(&with(
+        "[[event]]\nname = \"half way\"\nwhen = \"top - 0.725\"\n\
+         [[event]]\nname = \"up\"\nwhen = \"q.height - 0.1\"\ndirection = \"rising\"\n\
+         [[event]]\nname = \"clock\"\nwhen = \"t - 0.25\"",
+    ));
+    let of = |name: &str| -> Vec<f64> {
+        summary.events.iter().filter(|e| e.kind == "event" && e.name == name).map(|e| e.t).collect()
+    };
+    assert!((of("half way")[0] - 0.125f64.sqrt()).abs() < 1e-14 && of("half way").len() == 1);
+    // The first rebound is 0.3125 m high, the second 0.078 m.
+    assert!((of("up")[0] - (0.75 - (2.0f64 * 0.2125 / 10.0).sqrt())).abs() < 1e-13 && of("up").len() == 1);
+    assert_eq!(of("clock"), [0.25]);
+    let (summary, recording) =
+        ran(&with("[[event]]\nname = \"low\"\nwhen = \"top - 0.35\"\naction = \"stop\""));
+    let t = (2.0f64 * 1.0 / 10.0).sqrt();
+    assert!(summary.ended_by_event && summary.finished && (summary.t - t).abs() < 1e-14);
+    let last = recording.rows.last().unwrap();
+    assert!(last.t == summary.t && (last.q[0] - 0.25).abs() < 1e-14);
+    assert!(recording.rows.windows(2).all(|w| w[0].t < w[1].t));
+    assert!(summary.error_estimate.unwrap().q.is_some());
+}
+
+#[test]
+fn friction_of_a_scene_sticks() {
+    let text = BALL
+        .replace("friction = 0.0", "friction = 2.0")
+        .replace("gravity = [0, 0, -10]", "gravity = [0, 0, 0]")
+        .replace("q.height = 1.25", "q.height = 1.25\nv.height = 1.0");
+    let (summary, _) = ran(&text);
+    // v²/(2f) m after v/f s.
+    assert!((summary.q[0] - 1.5).abs() < 1e-14 && summary.v[0] == 0.0, "{:?}", summary.q);
+    let stick = summary.events.iter().find(|e| e.kind == "stick").unwrap();
+    assert!((stick.t - 0.5).abs() < 1e-14 && stick.what.contains("height"));
+    assert!(summary.energy_error < 1e-13);
+    // A breakaway force of 3 N holds against 2.9 N; regularised friction is still there where a scene asks for it.
+    let pushed = format!(
+        "{}\n[[force]]\nkind = \"torque\"\njoint = \"height\"\nvalue = 2.9\n[friction]\nbreakaway_ratio = {{ height = 1.5 }}\n",
+        text.replace("v.height = 1.0", "v.height = 0.0")
+    );
+    assert_eq!(ran(&pushed).0.q[0], 1.25);
+    let creeping = scene(&text.replace("[model]", "[model]\nfriction_speed = 0.01")).unwrap();
+    assert!(creeping.simulation.approximated[0].contains("regularised"));
+}
+
+#[test]
+fn wrong_events_and_stops_say_what_is_required() {
+    let event = |more: &str| error("[outputs]", &format!("[[event]]\n{more}\n[outputs]"));
+    assert!(event("name = \"x\"").found.contains("no `when`"));
+    assert!(event("when = \"tpo - 1\"").found.contains("tpo"));
+    assert!(event("when = \"energy - 1\"").remedy.contains("energy"));
+    assert!(event("when = \"2\"").found.contains("never changes"));
+    assert!(event("when = \"t\"\naction = \"halt\"").required.contains("stop"));
+    assert!(error("restitution = 0.5", "restitution = 1.5").required.contains("from 0 to 1"));
+    assert!(error("restitution = 0.5", "restitution = { heigt = 0.5 }").remedy.contains("height"));
+    let e = scene(
+        &BALL
+            .replace("limit = { lower = 0 }", "")
+            .replace("restitution = 0.5", "restitution = { height = 0.5 }"),
+    );
+    let Err(SimulateError::Scene(reports)) = e else { panic!("accepted") };
+    assert!(reports[0].errors[0].found.contains("no limits"));
+    assert!(error("restitution = 0.5", "").found.contains("no `restitution`"));
+    let e = error("t_end = 4", "t_end = 4\nmethod = \"midpoint\"\nstep = 0.1");
+    assert!(e.found.contains("midpoint") && e.found.contains("stops"), "{e:?}");
+}
+
+/// Stops after some steps, again and again.
+struct Impatient {
+    left: Cell<u32>,
+}
+
+impl Watcher for Impatient {
+    fn step(&mut self, _: f64, _: f64) {
+        self.left.set(self.left.get().saturating_sub(1));
+    }
+    fn stop(&self) -> bool {
+        self.left.get() == 0
+    }
+}
+
+/// A run with impacts, stick and slip that is interrupted every few steps ends with the bytes of one that is not.
+#[test]
+fn a_run_with_events_resumes_to_the_last_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("ball.toml");
+    let text = BALL
+        .replace("friction = 0.0", "friction = 1.0")
+        .replace("restitution = 0.5", "restitution = 0.8")
+        + "[[force]]\nkind = \"torque\"\njoint = \"height\"\nvalue = \"12*sin(7*t)\"\n\
+           [[event]]\nwhen = \"top - 0.2\"\n[[event]]\nname = \"end\"\nwhen = \"t - 3.3\"\naction = \"stop\"\n";
+    std::fs::write(&path, &text).unwrap();
+    let load = || phipsi_simulate::scene::load(&path, &[]).unwrap();
+    let whole = folder.path().join("whole");
+    let one = RunFolder::create(&path, load(), Some(&whole)).unwrap();
+    let one = one.run(&mut Impatient { left: Cell::new(u32::MAX) }).unwrap();
+    let parts = folder.path().join("parts");
+    let mut made = RunFolder::create(&path, load(), Some(&parts)).unwrap();
+    let mut rounds = 0;
+    let other = loop {
+        let outcome = made.run(&mut Impatient { left: Cell::new(3) }).unwrap();
+        rounds += 1;
+        if outcome.finished {
+            break outcome;
+        }
+        made = RunFolder::open(&parts, None).unwrap();
+    };
+    let bytes = |folder: &Path| std::fs::read(folder.join("trajectory.csv")).unwrap();
+    assert!(rounds > 10, "{rounds}");
+    assert_eq!(bytes(&whole), bytes(&parts));
+    let (a, b) = (one.file.results.unwrap(), other.file.results.unwrap());
+    assert_eq!(a.events, b.events);
+    assert_eq!((a.end.q, a.end.v, a.ended_by), (b.end.q, b.end.v, Some("end".to_string())));
+    for kind in ["impact", "event", "slip"] {
+        assert!(a.events.iter().any(|e| e.kind == kind), "no {kind}");
+    }
+    assert!(std::fs::read_to_string(whole.join("index.html")).unwrap().contains("struck its lower stop"));
+}
