@@ -20,6 +20,7 @@ pub mod run_page;
 pub mod scene;
 pub mod simulation;
 pub mod stiffness;
+pub mod stress;
 
 pub use error::SimulateError;
 pub use output::{Output, Quantity};
