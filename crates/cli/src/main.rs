@@ -12,6 +12,7 @@ mod progress;
 mod report;
 mod run;
 mod show;
+mod stress;
 
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
@@ -63,6 +64,9 @@ enum Command {
     #[command(after_help = "Examples:\n  phipsi report examples/satellite_arm.toml\n  \
                             phipsi report arm.toml --set integrator.t_end=5 --budget 20 --out reports/arm")]
     Report(report::Options),
+    /// The stiff and extreme scenes: errors, drift, steps, cost, and whether each comes out right
+    #[command(after_help = "Examples:\n  phipsi stress --quick\n  phipsi stress --only loops --json")]
+    Stress(stress::Options),
     /// Turn a URDF file, or a PDB file with its OpenMM System, into a scene; a trajectory into DCD, XTC or PDB
     #[command(after_help = "Examples:\n  phipsi convert arm.urdf arm.toml\n  \
                             phipsi convert protein.pdb protein.xml protein.toml\n  \
@@ -95,6 +99,7 @@ fn main() -> ExitCode {
     let ending = match command {
         Command::Run(options) => run::run(&options, &common),
         Command::Report(options) => report::make(&options, &common),
+        Command::Stress(options) => stress::stress(&options, &common),
         Command::Check { files } => check::check(&files, &common),
         Command::Convert { files } => convert::convert(&files, &common),
         Command::Energy(options) => energy::energy(&options, &common),

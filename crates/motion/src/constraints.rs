@@ -148,12 +148,17 @@ impl<'a> Held<'a> {
 }
 
 impl Constraints {
-    /// For a model; `None` if it is a tree of which nothing is prescribed.
+    /// For a model; `None` if it is a tree of which nothing is prescribed, unless it is `forced`.
     ///
     /// # Errors
     /// [`ClosureError`]: bodies that are flexible, a coupling that cannot be; [`MotionError::Prescription`].
-    pub(crate) fn new(model: &Model, prescription: &Prescription) -> Result<Option<Self>, MotionError> {
-        if model.closures().is_empty() && model.couplings().is_empty() && prescription.is_empty() {
+    pub(crate) fn new(
+        model: &Model,
+        prescription: &Prescription,
+        forced: bool,
+    ) -> Result<Option<Self>, MotionError> {
+        let tree = model.closures().is_empty() && model.couplings().is_empty();
+        if tree && prescription.is_empty() && !forced {
             return Ok(None);
         }
         Self::general(model, prescription).map(Some)

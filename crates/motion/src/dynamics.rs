@@ -83,9 +83,14 @@ impl Dynamics {
     /// With a given plan; [`Plan::everything`] is the general code.
     ///
     /// # Errors
-    /// As [`Dynamics::new`].
-    pub fn with_plan(model: &Model, forces: Vec<Box<dyn Force>>, plan: Plan) -> Result<Self, MotionError> {
-        Self::planned(model, forces, plan, &Prescription::default())
+    /// As [`Dynamics::prescribed`].
+    pub fn with_plan(
+        model: &Model,
+        forces: Vec<Box<dyn Force>>,
+        plan: Plan,
+        prescription: &Prescription,
+    ) -> Result<Self, MotionError> {
+        Self::planned(model, forces, plan, prescription)
     }
     fn planned(
         model: &Model,
@@ -107,13 +112,14 @@ impl Dynamics {
             names.extend(force.auxiliary());
             slots.push(names.len());
         }
-        let (solver, form_choice) = match Constraints::new(model, prescription)? {
-            Some(constraints) => (Solver::Constrained(Box::new(constraints)), None),
-            None => {
-                let (forward, choice) = forward(model, &layout, plan.form);
-                (Solver::Tree(forward), choice)
-            }
-        };
+        let (solver, form_choice) =
+            match Constraints::new(model, prescription, plan.loops || plan.prescribed)? {
+                Some(constraints) => (Solver::Constrained(Box::new(constraints)), None),
+                None => {
+                    let (forward, choice) = forward(model, &layout, plan.form);
+                    (Solver::Tree(forward), choice)
+                }
+            };
         let moving = layout.carriers().iter().filter(|c| c.body != GROUND);
         Ok(Dynamics {
             moving_mass: moving.map(|c| c.inertia.mass).sum(),

@@ -80,8 +80,8 @@ impl Plan {
         (self.switches, self.work) = (true, true);
         self
     }
-    /// Everything, whether needed or not: the general code that a plan is compared with. Loops and given motions are no choice:
-    /// their solver runs where there are any.
+    /// Everything, whether needed or not: the general code that a plan is compared with. Without closures the solver of loops finds
+    /// none, without given motions it finds every joint passive.
     pub fn everything() -> Self {
         Plan {
             kinematics: true,
@@ -90,8 +90,8 @@ impl Plan {
             impulse: true,
             momentum: true,
             gravity: true,
-            loops: false,
-            prescribed: false,
+            loops: true,
+            prescribed: true,
             switches: false,
             form: Form::Auto,
         }

@@ -31,7 +31,7 @@ pub enum DynamicsError {
         /// The value of D.
         inertia: f64,
     },
-    /// A number of the result of one state of a batch that is not finite.
+    /// A number of the result that is not finite.
     NotFinite {
         /// Its index in the result.
         index: usize,

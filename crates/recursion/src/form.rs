@@ -289,7 +289,7 @@ impl FormForwardDynamics {
     /// Accelerations of generalised forces `tau` at (q, v); arguments as of [`ForwardDynamics::run`]. No allocation.
     ///
     /// # Errors
-    /// As [`ForwardDynamics::run`].
+    /// As [`ForwardDynamics::run`]; [`DynamicsError::NotFinite`] where products overflow.
     pub fn run(
         &mut self,
         layout: &Layout<f64>,
@@ -304,6 +304,10 @@ impl FormForwardDynamics {
             Kernel::Refined(kernel) => kernel.run(layout, q, v, tau, wrenches, out),
             Kernel::SquareRoot(kernel) => kernel.run(layout, q, v, tau, wrenches, out),
             Kernel::DoubleDouble(kernel) => kernel.run(q, v, tau, wrenches, out),
+        }?;
+        match out.iter().position(|x| !x.is_finite()) {
+            Some(index) => Err(DynamicsError::NotFinite { index, found: out[index] }),
+            None => Ok(()),
         }
     }
 }

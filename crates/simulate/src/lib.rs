@@ -21,6 +21,7 @@ pub mod run_page;
 pub mod scene;
 pub mod simulation;
 pub mod stiffness;
+pub mod stress;
 
 pub use error::SimulateError;
 pub use event_record::EventRecord;

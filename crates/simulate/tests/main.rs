@@ -8,4 +8,5 @@ mod mutation;
 mod report;
 mod satellite;
 mod scenes;
+mod stress;
 mod two_bodies;
