@@ -38,17 +38,32 @@ pub(super) fn angle(x: &[V], [i, j, k]: [usize; 3]) -> (f64, [V; 2]) {
 
 /// A torsion in [−π, π] and its gradients with respect to the four atoms; not finite where three lie on a line.
 #[inline]
-pub(super) fn torsion(x: &[V], [i, j, k, l]: [usize; 4]) -> (f64, [V; 4]) {
+pub(super) fn torsion(x: &[V], atoms: [usize; 4]) -> (f64, [V; 4]) {
+    let ([cos, sin], gradients) = torsion_sides(x, atoms);
+    (sin.atan2(cos), gradients)
+}
+
+/// Cosine and sine of a torsion and its gradients; not finite where three atoms lie on a line.
+#[inline]
+pub(super) fn torsion_cos_sin(x: &[V], atoms: [usize; 4]) -> ([f64; 2], [V; 4]) {
+    let ([cos, sin], gradients) = torsion_sides(x, atoms);
+    let inverse = 1.0 / (cos * cos + sin * sin).sqrt();
+    ([cos * inverse, sin * inverse], gradients)
+}
+
+/// m·n and |b₂| b₁·n, proportional to cosine and sine, and the gradients of the angle.
+#[inline]
+fn torsion_sides(x: &[V], [i, j, k, l]: [usize; 4]) -> ([f64; 2], [V; 4]) {
     let (b1, b2, b3) = (x[j] - x[i], x[k] - x[j], x[l] - x[k]);
     let (m, n) = (b1.cross(b2), b2.cross(b3));
     let b2_square = b2.dot(b2);
     let b2_norm = b2_square.sqrt();
-    let phi = (b2_norm * b1.dot(n)).atan2(m.dot(n));
+    let sides = [m.dot(n), b2_norm * b1.dot(n)];
     let (first, last) = (m.scale(-b2_norm / m.dot(m)), n.scale(b2_norm / n.dot(n)));
     let (s, t) = (b1.dot(b2) / b2_square, b3.dot(b2) / b2_square);
     let second = last.scale(t) - first.scale(1.0 + s);
     let third = first.scale(s) - last.scale(1.0 + t);
-    (phi, [first, second, third, last])
+    (sides, [first, second, third, last])
 }
 
 /// Adds −slope ∂θ to the forces of an angle.

@@ -1,8 +1,9 @@
 //! Periodic torsions: E = Σ k (1 + cos(n φ − γ)), φ = π for trans.
 //!
-//! Terms of the same four atoms that follow each other share their geometry.
+//! Terms of the same four atoms that follow each other share their geometry. cos nφ and sin nφ are the parts of (cos φ + i sin φ)ⁿ:
+//! no angle is taken, and no sine.
 
-use super::geometry::{push_torsion, torsion};
+use super::geometry::{push_torsion, torsion_cos_sin};
 use phipsi_formats::system::PeriodicTorsion;
 use phipsi_spatial::Vec3;
 
@@ -19,11 +20,11 @@ struct Torsion {
     end: usize,
 }
 
-/// n, γ, k.
+/// n, cos γ and sin γ, k.
 #[derive(Clone, Debug)]
 struct Wave {
-    n: f64,
-    gamma: f64,
+    n: u32,
+    phase: [f64; 2],
     k: f64,
 }
 
@@ -32,7 +33,8 @@ impl PeriodicTorsions {
         let mut torsions: Vec<Torsion> = Vec::new();
         let mut waves = Vec::new();
         for entry in entries {
-            waves.push(Wave { n: f64::from(entry.periodicity), gamma: entry.phase, k: entry.stiffness });
+            let (sin, cos) = entry.phase.sin_cos();
+            waves.push(Wave { n: entry.periodicity, phase: [cos, sin], k: entry.stiffness });
             match torsions.last_mut() {
                 Some(last) if last.atoms == entry.atoms => last.end = waves.len(),
                 _ => torsions.push(Torsion { atoms: entry.atoms, end: waves.len() }),
@@ -63,16 +65,39 @@ impl PeriodicTorsions {
         let mut energy = 0.0;
         let mut begin = 0;
         for entry in &self.torsions {
-            let (phi, gradients) = torsion(x, entry.atoms);
+            let (z, gradients) = torsion_cos_sin(x, entry.atoms);
+            let square = times(z, z);
+            let powers = [[1.0, 0.0], z, square, times(square, z), times(square, square)];
             let mut slope = 0.0;
             for wave in &self.waves[begin..entry.end] {
-                let (sin, cos) = (wave.n * phi - wave.gamma).sin_cos();
-                energy += wave.k * (1.0 + cos);
-                slope -= wave.k * wave.n * sin;
+                let known = powers.get(wave.n as usize).copied();
+                let [cos, sin] = known.unwrap_or_else(|| power(z, wave.n));
+                let [cos_gamma, sin_gamma] = wave.phase;
+                energy += wave.k * (1.0 + (cos * cos_gamma + sin * sin_gamma));
+                slope -= wave.k * f64::from(wave.n) * (sin * cos_gamma - cos * sin_gamma);
             }
             begin = entry.end;
             push_torsion(forces, entry.atoms, slope, gradients);
         }
         energy
     }
+}
+
+/// The product of complex numbers.
+#[inline]
+fn times([a, b]: [f64; 2], [c, d]: [f64; 2]) -> [f64; 2] {
+    [a * c - b * d, a * d + b * c]
+}
+
+/// zⁿ.
+fn power(mut z: [f64; 2], mut n: u32) -> [f64; 2] {
+    let mut product = [1.0, 0.0];
+    while n > 0 {
+        if n & 1 == 1 {
+            product = times(product, z);
+        }
+        z = times(z, z);
+        n >>= 1;
+    }
+    product
 }
