@@ -279,8 +279,7 @@ def page(title: str, noises: list[Noise], samples: dict[str, np.ndarray], ps: fl
         ]
         parts += [
             f"<h2>φ and ψ at 300 K</h2><p>{sampled_ps:g} ps each; φ to the right, ψ up, from −180° to 180°; shades by the root of the density. Hellinger's "
-            "distances, and that of the two halves of each run: a distance that is not larger says nothing. The frozen bond angles change this "
-            "distribution more than Fixman's potential does.</p>",
+            "distances, and that of the two halves of each run: a distance that is not larger says nothing.</p>",
             *(ramachandran(name, d) for name, d in densities.items()),
             table(["", "samples", "own halves", *densities], rows),
         ]

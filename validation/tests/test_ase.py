@@ -133,6 +133,27 @@ def test_changes_between_steps_are_taken_over(s, atoms):
         dynamics.run(1)
 
 
+class Counting(phipsi.ase.Calculator):
+    """Counts evaluations."""
+
+    calls = 0
+
+    def calculate(self, *arguments, **keywords):
+        self.calls += 1
+        super().calculate(*arguments, **keywords)
+
+
+@pytest.mark.parametrize("arguments", [{}, {"fixman": True}, {"ensemble": "langevin"}])
+def test_one_evaluation_of_forces_a_step(s, atoms, arguments):
+    atoms.calc = Counting(s)
+    dynamics = TorsionDynamics(atoms, 2 * units.fs, bonds=s.bonds, logfile=None, **arguments)
+    dynamics.draw_velocities(300, seed=1)
+    before = atoms.calc.calls
+    dynamics.attach(atoms.get_total_energy)
+    dynamics.run(20)
+    assert atoms.calc.calls == before + 20
+
+
 class Failing(LennardJones):
     """Lennard-Jones energies that fail at one call."""
 

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | 0 | 1995, the number of atoms, the step; the time in ps as f32; nine f32, the box (zeros for none) |
 //! | 52 | the number of atoms again |
-//! | 56 | of at most nine atoms: x, y, z of all as f32; else the precision as f32 and what [`compression`] makes of the rest |
+//! | 56 | of at most nine atoms: x, y, z of all as f32; else the precision as f32, and whole numbers compressed |
 //!
 //! A frame is written in one write: of a run that is killed the last frame may be half there. [`XtcWriter::append`] cuts it
 //! off, and [`XtcReader`] ends before it.
