@@ -117,7 +117,7 @@ fn a_flexible_ring_stays_closed() {
     assert!(self::rows(&bath).1.closures.unwrap().position < 1e-12);
     let refused = |text: &str| {
         let errors: Vec<Problem> = reports(text).into_iter().flat_map(|r| r.errors).collect();
-        errors[0].to_string()
+        format!("{:?}", errors[0])
     };
     assert!(refused(&flexible.replace("seed = 1", "fixman = true")).contains("flexible rings"));
     assert!(refused(&text.replace("seed = 1", "rings = \"floppy\"")).contains("flexible"));
