@@ -420,9 +420,6 @@ def test_open_angles_and_cartesian_atoms(s):
     assert TorsionModel(s, angles=[[4, 6, 8]]).degrees_of_freedom == plain.degrees_of_freedom + 1
     assert np.ptp(t.run(100, dt_fs=1, seed=2).conserved) < 0.1
     x = t.positions
-    again = TorsionModel(s, clusters="torsion+angle")
-    again.positions = x
-    assert np.abs(again.positions - x).max() < 1e-12
     atoms = TorsionModel(s, clusters="cartesian")
     assert atoms.degrees_of_freedom == 3 * len(x)
     assert np.ptp(atoms.run(100, dt_fs=0.5, seed=3).conserved) < 2

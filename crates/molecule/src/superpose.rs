@@ -1,5 +1,4 @@
-//! Coordinates from positions: the pose of each base by superposition, then angle after angle outward; where a hinge bends and
-//! turns, both from the turn that superposes its outer body.
+//! Coordinates from positions: the pose of each base by superposition, then angle after angle outward.
 
 use crate::torsion_model::{Site, TorsionModel, check};
 use nalgebra::{Matrix4, SymmetricEigen};
@@ -44,10 +43,6 @@ impl TorsionModel {
                     q[body.q..body.q + 3].copy_from_slice(&moved.0);
                     q[body.q + 3..body.q + 7].copy_from_slice(&rotation.0);
                 }
-                _ if self.sites[k].is_empty() && self.far[k].is_empty() => {
-                    // The first axis of a hinge that bends: the turn that takes the outer body nearest, without its last angle.
-                    q[body.q] = self.first_angle(k, |atom| inward.point(positions[atom]));
-                }
                 _ => {
                     let (mut sine, mut cosine) = (0.0, 0.0);
                     for (from, to) in pairs() {
@@ -64,23 +59,6 @@ impl TorsionModel {
             }
         }
         Ok((q, largest))
-    }
-
-    /// The first of two angles about one point, whose axes are at right angles: R a₂ = R₁ a₂. `place`: an atom from that point,
-    /// in the axes of the first.
-    fn first_angle(&self, k: usize, place: impl Fn(usize) -> Vec3<f64>) -> f64 {
-        let Some(outer) = self.layout.bodies().iter().position(|b| b.parent == k) else { return 0.0 };
-        let placement = self.layout.bodies()[outer].placement();
-        let sites = || self.sites[outer].iter().chain(&self.far[outer]);
-        // With their opposites points superpose about the origin.
-        let pairs = || {
-            let pair = |s: &Site| (placement.point(s.place), place(s.atom));
-            sites().map(pair).flat_map(|(from, to)| [(from, to), (-from, -to)])
-        };
-        let axis = placement.rotation * Vec3([0.0, 0.0, 1.0]);
-        let turned = superposition(pairs).0.to_rotation() * axis;
-        let [x, y, _] = axis.0;
-        (x * turned.0[1] - y * turned.0[0]).atan2(x * turned.0[0] + y * turned.0[1])
     }
 }
 

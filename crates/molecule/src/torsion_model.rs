@@ -15,7 +15,7 @@ use crate::atoms::{Atoms, MoleculeError, MoleculeErrors};
 use crate::clusters::{Clusters, HingeBond, is_linear};
 use crate::force_field::RigidGroups;
 use crate::roots::{Rooted, rooted};
-use phipsi_closure::ClosedMomenta;
+use phipsi_closure::{ClosedDynamics, ClosedMomenta, Conditions};
 use phipsi_model::{Body, Closure, ClosureKind, Inertia, Joint, JointKind, Model, ModelBuilder, Placement};
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{ArticulatedSweep, DynamicsError, Layout};
@@ -223,6 +223,18 @@ impl TorsionModel {
     pub fn has_rings(&self) -> bool {
         !self.clusters.closures.is_empty()
     }
+    /// Makes velocities keep flexible rings closed, with the least change in kinetic energy: those of the Maxwell–Boltzmann
+    /// distribution of the tree become those of the closed rings. `q`: nq, `v`: nv.
+    ///
+    /// # Errors
+    /// [`MoleculeErrors`]: lengths, and joints without inertia.
+    pub fn close_velocities(&self, q: &[f64], v: &mut [f64]) -> Result<(), MoleculeErrors> {
+        if self.has_rings() {
+            let mut closed = ClosedDynamics::<f64>::new(&self.model).map_err(|e| loops_failed(&e))?;
+            closed.project_velocity(q, v, &Conditions::default()).map_err(|e| loops_failed(&e))?;
+        }
+        Ok(())
+    }
     /// Number of degrees of freedom: torsions and bends of hinges, and six for each base (three for a single atom), less the
     /// independent rows of the closures of flexible rings at q = 0.
     pub fn degrees_of_freedom(&self) -> usize {
@@ -402,17 +414,18 @@ fn ring_closure(
     }
 }
 
+fn loops_failed(e: &dyn std::fmt::Display) -> MoleculeErrors {
+    let remedy = "keep the named hinge, or the ring, rigid";
+    MoleculeErrors(vec![MoleculeError::new("flexible rings", e.to_string(), "loops that move", remedy)])
+}
+
 /// Independent rows of the closures at q = 0.
 fn rank(model: &Model) -> Result<usize, MoleculeErrors> {
     if model.closures().is_empty() {
         return Ok(0);
     }
-    let failed = |e: &dyn std::fmt::Display| {
-        let remedy = "keep the named hinge, or the ring, rigid";
-        MoleculeErrors(vec![MoleculeError::new("flexible rings", e.to_string(), "loops that move", remedy)])
-    };
-    let mut momenta = ClosedMomenta::<f64>::new(model).map_err(|e| failed(&e))?;
-    momenta.place(&model.neutral::<f64>()).map_err(|e| failed(&e))?;
+    let mut momenta = ClosedMomenta::<f64>::new(model).map_err(|e| loops_failed(&e))?;
+    momenta.place(&model.neutral::<f64>()).map_err(|e| loops_failed(&e))?;
     Ok(momenta.rank())
 }
 

@@ -315,8 +315,6 @@ fn angles_bend_as_they_say() {
         assert!((slope + gradient[i]).abs() < 1e-7 * scale, "{i}: {slope} {}", gradient[i]);
     }
     let positions = torsion.positions(&q).unwrap();
-    let (again, away) = torsion.coordinates(&positions).unwrap();
-    assert!(away < 1e-12 && largest(torsion.model().difference(&q, &again)) < 1e-11, "{away:e}");
     let mut open = torsion.open_angles();
     for hinge in &torsion.clusters().hinges {
         let Some(bend) = hinge.bend else { continue };

@@ -148,6 +148,10 @@ pub(crate) fn read(
                 let mut deviates = Deviates::new(seed);
                 let layout = torsion.layout();
                 draw_velocities(layout, &factors, temperature, &mut deviates, &mut workspace, &mut start.v);
+                if let Err(errors) = torsion.close_velocities(&start.q, &mut start.v) {
+                    refuse(report, errors);
+                    return Err(reports);
+                }
             }
             Err(e) => {
                 let remedy = "keep the named hinge rigid";
