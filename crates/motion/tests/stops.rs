@@ -359,3 +359,126 @@ fn the_estimate_stays_valid_across_events() {
     // Nine of ten, as without events: neighbouring tolerances can take the same steps in so short a run.
     assert!(10 * good >= 9 * all.len(), "{good} of {}: {all:#?}", all.len());
 }
+
+/// Energy less work, relative to what moves.
+fn energy_error(d: &mut Dynamics, states: &[(f64, Vec<f64>, Vec<f64>, Vec<f64>)]) -> f64 {
+    let mut kinematics = phipsi_recursion::Kinematics::new(d.layout());
+    let mut conserved = phipsi_motion::Conserved::default();
+    for (t, q, v, aux) in states {
+        conserved.record(&phipsi_motion::balance(d, &mut kinematics, (*t, q, v), aux).unwrap());
+    }
+    conserved.energy_error()
+}
+
+/// Chains with stops and friction at every joint, some closed to a four-bar: they stay inside their stops, do not move where they are
+/// held, keep energy less work, and end.
+#[test]
+fn chains_with_stops_and_friction_keep_their_books() {
+    let rod = |name: &str| Body::new(name, Inertia::from_principal(1.0, [0.5, 0.0, 0.0], [0.01, 0.1, 0.1]));
+    let hinge = |name: &str, x: f64| {
+        let kind = JointKind::Revolute { axis: [0.0, 1.0, 0.0] };
+        Joint::new(name, kind).at(Placement::from_xyz_rpy([x, 0.0, 0.0], [0.0; 3]))
+    };
+    let end = || Placement::from_xyz_rpy([1.0, 0.0, 0.0], [0.0; 3]);
+    let (mut kinds, mut runs) = (std::collections::BTreeSet::new(), 0);
+    for seed in 0..16u32 {
+        let closed = seed % 4 == 3;
+        let mut builder = ModelBuilder::new("chain")
+            .body(rod("1"))
+            .body(rod("2"))
+            .body(rod("3"))
+            .joint(hinge("a", 0.0), "world", "1")
+            .joint(hinge("b", 1.0), "1", "2")
+            .joint(hinge("c", 1.0), if closed { "world" } else { "2" }, "3")
+            .gravity([0.0, 0.0, -9.81]);
+        if closed {
+            builder = builder.closure(Closure {
+                name: "pin".into(),
+                kind: ClosureKind::Spherical,
+                body_a: "2".into(),
+                pose_a: end(),
+                body_b: "3".into(),
+                pose_b: end(),
+            });
+        }
+        let model = builder.build().unwrap();
+        // A generator of its own: fractions of a Weyl sequence.
+        let part = |i: u32| (f64::from(seed * 37 + i) * 0.618_033_988_749_895).fract();
+        let joints: Vec<JointSwitch> = (0..3usize)
+            .map(|k| {
+                let i = 10 * k as u32;
+                let center = if closed { [1.0, -1.0, 1.0][k] } else { 0.0 };
+                let sliding = 3.0 * part(i);
+                JointSwitch {
+                    dof: k,
+                    stops: Some(Stops {
+                        coordinate: k,
+                        lower: center - 0.1 - part(i + 1),
+                        upper: center + 0.1 + part(i + 2),
+                        restitution: 0.9 * part(i + 3),
+                    }),
+                    friction: (part(i + 4) > 0.3)
+                        .then_some(DryFriction { sliding, breakaway: 1.3 * sliding }),
+                }
+            })
+            .collect();
+        let (q, v) = if closed {
+            ([1.0, -1.0, 1.0], [0.8, -0.8, 0.8])
+        } else {
+            ([0.0; 3], [part(5) - 0.5, 2.0 * part(6) - 1.0, part(7)])
+        };
+        let method = [Method::Dop853, Method::Tsit5, Method::Rodas5p][seed as usize % 3];
+        let mut d = dynamics(&model, vec![], joints.clone());
+        let tolerances = Tolerances::new(1e-9);
+        let aux = vec![0.0; d.auxiliary_len()];
+        let mut i = Integrator::new(&model, method, tolerances, 0.0, &q, &v, &aux);
+        let mut states = vec![(0.0, q.to_vec(), v.to_vec(), aux)];
+        let mut steps = 0;
+        while i.t() < 2.0 {
+            if let Err(e) = i.step(&mut d, 2.0, false) {
+                let past = i.occurrences();
+                let last = &past[past.len().saturating_sub(8)..];
+                panic!("seed {seed}: {} {last:#?} {:?} {:?}", e.describe(&model), i.modes(), i.v());
+            }
+            steps += 1;
+            assert!(steps < 20_000, "seed {seed}: {:?}", &i.occurrences()[i.occurrences().len() - 20..]);
+            for (joint, mode) in joints.iter().zip(i.modes()) {
+                let stops = joint.stops.unwrap();
+                let (q, v) = (i.q()[joint.dof], i.v()[joint.dof]);
+                // What the tolerance does not tell from the stop.
+                let inside = q > stops.lower - 1e-9 && q < stops.upper + 1e-9;
+                let past = i.occurrences();
+                assert!(
+                    inside,
+                    "seed {seed} at {}: {q} {v} {mode:?} {joint:?} {:#?}",
+                    i.t(),
+                    &past[past.len().saturating_sub(6)..]
+                );
+                assert!(!mode.holds() || v.abs() < 1e-14, "seed {seed}: {v:e} in {mode:?}");
+                assert!(*mode != Mode::Forward || v > -1e-12, "seed {seed}: {v:e}");
+                assert!(*mode != Mode::Backward || v < 1e-12, "seed {seed}: {v:e}");
+            }
+            states.push((i.t(), i.q().to_vec(), i.v().to_vec(), i.aux().to_vec()));
+        }
+        for o in i.occurrences() {
+            kinds.insert(match o.what {
+                Happening::Impact { energy, .. } => {
+                    assert!(energy > -1e-12, "seed {seed}: {o:?}");
+                    "impact"
+                }
+                Happening::Rest { .. } => "rest",
+                Happening::Leave { .. } => "leave",
+                Happening::Stick { .. } => "stick",
+                Happening::Slip { .. } => "slip",
+                Happening::Event { .. } => "event",
+            });
+        }
+        let error = energy_error(&mut d, &states);
+        assert!(error < 1e-6, "seed {seed}, {method:?}: {error:e}");
+        runs += 1;
+    }
+    assert_eq!(runs, 16);
+    for kind in ["impact", "rest", "stick", "slip"] {
+        assert!(kinds.contains(kind), "{kinds:?}");
+    }
+}

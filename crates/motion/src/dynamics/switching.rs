@@ -175,7 +175,8 @@ impl Dynamics {
         for (i, (k, upper)) in touched.iter().enumerate().filter(|(i, _)| before[*i] < 0.0) {
             let e = joints[*k].stops.map_or(0.0, |s| s.restitution);
             let push = sign(*upper) * self.switches.acceleration[joints[*k].dof];
-            endless[i] = is_endless(t, e, before[i], push, tolerances);
+            let size = joints[*k].stops.map_or(0.0, |s| state.q[s.coordinate].abs());
+            endless[i] = is_endless(t, size, e, [before[i], push], tolerances);
             restitution[i] = if endless[i] { 0.0 } else { e };
         }
         let mut responses = vec![0.0; m * nv];
@@ -419,15 +420,16 @@ fn reach(joint: &JointSwitch, q: &[f64], tolerances: &Tolerances) -> f64 {
     (0.1 * tolerances.atol.min(LOOSEST)).max(64.0 * f64::EPSILON * size)
 }
 
-/// True if the impacts that follow are smaller than the tolerance tells from rest. `speed` < 0 before, `push` < 0 towards the stop.
-fn is_endless(t: f64, restitution: f64, speed: f64, push: f64, tolerances: &Tolerances) -> bool {
+/// True if the impacts that follow are smaller than the tolerance tells from rest, or than rounding of time and position does.
+/// `speed` < 0 before, `push` < 0 towards the stop, `size` of its position.
+fn is_endless(t: f64, size: f64, restitution: f64, [speed, push]: [f64; 2], tolerances: &Tolerances) -> bool {
     if !(push < 0.0 && restitution > 0.0 && restitution < 1.0) {
         return false;
     }
     let rebound = restitution * speed.abs();
     let (height, flight) = (0.5 * rebound * rebound / -push, 2.0 * rebound / -push);
     let small = rebound <= 0.1 * tolerances.rtol.min(LOOSEST) && height <= 0.1 * tolerances.atol.min(LOOSEST);
-    small || flight <= 64.0 * f64::EPSILON * t.abs()
+    small || flight <= 64.0 * f64::EPSILON * t.abs() || height <= 32.0 * f64::EPSILON * size
 }
 
 /// Direction in which a joint leaves, held by a force T.
