@@ -160,16 +160,15 @@ fn two_stops_push_at_once() {
     assert!(end.q()[0] > 0.0 && end.q()[1] > 0.0);
 }
 
-/// A four-bar parallelogram whose crank strikes: without losses the speed turns over exactly, the loops stay closed.
-#[test]
-fn a_linkage_strikes_its_stop() {
+/// A four-bar of equal rods, without weight: it turns at a constant rate, whatever the angle.
+fn parallelogram() -> Model {
     let rod = |name: &str| Body::new(name, Inertia::from_principal(1.0, [0.5, 0.0, 0.0], [0.0, 0.1, 0.1]));
     let hinge = |name: &str, x: f64| {
         let kind = JointKind::Revolute { axis: [0.0, 1.0, 0.0] };
         Joint::new(name, kind).at(Placement::from_xyz_rpy([x, 0.0, 0.0], [0.0; 3]))
     };
     let end = || Placement::from_xyz_rpy([1.0, 0.0, 0.0], [0.0; 3]);
-    let model = ModelBuilder::new("four-bar")
+    ModelBuilder::new("four-bar")
         .body(rod("crank"))
         .body(rod("coupler"))
         .body(rod("rocker"))
@@ -186,7 +185,29 @@ fn a_linkage_strikes_its_stop() {
         })
         .gravity([0.0; 3])
         .build()
-        .unwrap();
+        .unwrap()
+}
+
+/// Stuck at three hinges of one loop, it breaks away where a ramp t at the crank exceeds the sum of the three breakaway forces: the hinges
+/// turn by equal angles. Its inertia about the crank is 2 (m/4 + I) + m = 1.7, since the coupler does not turn.
+#[test]
+fn joints_of_a_loop_stick_together() {
+    let joints = vec![dry(0, 0.3, 0.4), dry(1, 0.5, 0.6), dry(2, 0.7, 0.8)];
+    let mut d = dynamics(&parallelogram(), vec![force(0, |t| t)], joints);
+    let (found, end) = happenings(&mut d, Method::Dop853, 1e-11, (&[1.0, -1.0, 1.0], &[0.0; 3]), 2.5);
+    // They stick at the start.
+    let later: Vec<&Occurrence> = found.iter().filter(|o| o.t > 0.0).collect();
+    assert!(later.len() == 3 && later.iter().all(|o| (o.t - 1.8).abs() < 1e-12), "{found:?}");
+    // ω̇ = (t − 1.5)/1.7 from t = 1.8 on.
+    let s = 0.7;
+    let turned = (0.5 * 0.3 * s * s + s * s * s / 6.0) / 1.7;
+    assert!((end.q()[0] - 1.0 - turned).abs() < 1e-9, "{:e}", end.q()[0] - 1.0 - turned);
+}
+
+/// A four-bar parallelogram whose crank strikes: without losses the speed turns over exactly, the loops stay closed.
+#[test]
+fn a_linkage_strikes_its_stop() {
+    let model = parallelogram();
     let mut d = dynamics(&model, vec![], vec![stop(0, 0.6, INFINITE, 1.0)]);
     let (q, v) = ([1.0, -1.0, 1.0], [-0.5, 0.5, -0.5]);
     let (found, i) = happenings(&mut d, Method::Dop853, 1e-10, (&q, &v), 1.6);

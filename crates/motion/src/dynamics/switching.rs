@@ -8,7 +8,9 @@
 //!
 //! Guards, positive in their mode: s of each stop while a joint moves, v or −v while it slides; f₀ − |T| while it sticks, T + f₀ on a lower
 //! stop, f₀ − T on an upper one. At rest the modes follow from an active set: every joint at rest is held at first, those whose T is too
-//! large are released one by one, and held again where they would move against their release.
+//! large are released one by one, and held again where they would move against their release. Several sticking joints of closed loops hold
+//! each other, so that T is not determined: they stick together as long as no joint moves with the breakaway forces of all against the way
+//! in which they would move without.
 
 use super::{Dynamics, MotionError, Solver};
 use crate::constraints::Constraints;
@@ -279,13 +281,21 @@ impl Dynamics {
         }
         let mut way = vec![0.0; n];
         let mut keeps = released;
-        if let Some(k) = released {
+        let together = self.sticks_in_loops(state.modes);
+        if together {
+            let (margin, ways) = self.margin(state.t, (state.q, state.v, state.aux), state.modes)?;
+            if released.is_some() || margin < 0.0 {
+                for (k, mode) in state.modes.iter_mut().enumerate().filter(|(_, m)| **m == Mode::Stuck) {
+                    *mode = joints[k].moving(ways[k]);
+                }
+            }
+        } else if let Some(k) = released {
             self.enter_modes(state.modes);
             self.look(state.t, (state.q, state.v, state.aux))?;
             way[k] = release(state.modes[k], self.switches.holding[joints[k].dof]);
             state.modes[k] = joints[k].moving(way[k]);
         }
-        let rounds = 12 * n + 12;
+        let rounds = if together { 0 } else { 12 * n + 12 };
         for round in 0..rounds {
             self.enter_modes(state.modes);
             self.look(state.t, (state.q, state.v, state.aux))?;
@@ -345,6 +355,43 @@ impl Dynamics {
             log.push(Occurrence { t, what });
         }
         Ok(())
+    }
+
+    /// True where several joints of closed loops stick, and none rests on a stop.
+    fn sticks_in_loops(&self, modes: &[Mode]) -> bool {
+        let count = |wanted: &dyn Fn(Mode) -> bool| modes.iter().filter(|m| wanted(**m)).count();
+        self.plan.loops
+            && count(&|m| m == Mode::Stuck) > 1
+            && count(&|m| m.holds()) == count(&|m| m == Mode::Stuck)
+    }
+    /// Whether joints that stick break away together: negative if they do, relative to the accelerations without friction; and the way
+    /// of each joint.
+    fn margin(
+        &mut self,
+        t: f64,
+        state: (&[f64], &[f64], &[f64]),
+        modes: &[Mode],
+    ) -> Result<(f64, Vec<f64>), MotionError> {
+        let joints = self.switches.joints.clone();
+        let stuck = |k: &usize| modes[*k] == Mode::Stuck;
+        let free: Vec<Mode> = modes.iter().map(|m| if *m == Mode::Stuck { Mode::Free } else { *m }).collect();
+        self.enter_modes(&free);
+        self.look(t, state)?;
+        let accelerations: Vec<f64> = joints.iter().map(|j| self.switches.acceleration[j.dof]).collect();
+        let size = accelerations.iter().fold(0.0f64, |most, a| most.max(a.abs()));
+        let way: Vec<f64> = accelerations.iter().map(|a| a.signum()).collect();
+        for k in (0..joints.len()).filter(stuck) {
+            self.switches.trial[joints[k].dof] = -way[k] * joints[k].breakaway();
+        }
+        let looked = self.look(t, state);
+        self.switches.trial.fill(0.0);
+        let moves = (0..joints.len())
+            .filter(stuck)
+            .map(|k| self.switches.acceleration[joints[k].dof] * way[k])
+            .fold(f64::NEG_INFINITY, f64::max);
+        self.enter_modes(modes);
+        looked?;
+        Ok((if size > 0.0 { -moves / size } else { f64::INFINITY }, way))
     }
 
     /// Modes at the start of a run.
@@ -477,7 +524,11 @@ impl Events for Dynamics {
     ) -> Result<u64, MotionError> {
         out.fill(f64::INFINITY);
         let evaluations = u64::from(self.switches.any_held);
-        if self.switches.any_held {
+        let mut together = None;
+        if self.sticks_in_loops(&self.switches.modes) {
+            let modes = self.switches.modes.clone();
+            together = Some(self.margin(t, (q, v, aux), &modes)?.0);
+        } else if self.switches.any_held {
             self.look(t, (q, v, aux))?;
         }
         let Switches { joints, modes, holding, .. } = &self.switches;
@@ -490,7 +541,7 @@ impl Events for Dynamics {
                 Mode::Free => f64::INFINITY,
                 Mode::Forward => v[joint.dof],
                 Mode::Backward => -v[joint.dof],
-                Mode::Stuck => joint.breakaway() - force.abs(),
+                Mode::Stuck => together.unwrap_or(joint.breakaway() - force.abs()),
                 Mode::AtLower => force + joint.breakaway(),
                 Mode::AtUpper => joint.breakaway() - force,
             };
@@ -517,6 +568,7 @@ impl Events for Dynamics {
     fn noise(&self, i: usize, q: &[f64], _: &[f64], tolerances: &Tolerances) -> f64 {
         let Some(joint) = self.switches.joints.get(i / GUARDS) else { return 0.0 };
         match i % GUARDS {
+            2 if self.sticks_in_loops(&self.switches.modes) => ROUNDING,
             2 if self.switches.modes[i / GUARDS].holds() => {
                 ROUNDING * (self.switches.scale + joint.breakaway())
             }
