@@ -87,7 +87,8 @@ impl JointSwitch {
         }
         let name = &model.joints()[model.joint_of_velocity(self.dof).0].name;
         if let Some(Stops { coordinate, lower, upper, restitution }) = self.stops {
-            if !(lower < upper) || coordinate >= model.nq() {
+            let ordered = lower < upper;
+            if !ordered || coordinate >= model.nq() {
                 return Some(format!(
                     "joint `{name}` has stops at {lower} and {upper}; the lower one must be below the upper one"
                 ));

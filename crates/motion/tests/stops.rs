@@ -382,10 +382,10 @@ fn the_estimate_stays_valid_across_events() {
 }
 
 /// Energy less work, relative to what moves.
-fn energy_error(d: &mut Dynamics, states: &[(f64, Vec<f64>, Vec<f64>, Vec<f64>)]) -> f64 {
+fn energy_error(d: &mut Dynamics, states: &[(State, Vec<f64>)]) -> f64 {
     let mut kinematics = phipsi_recursion::Kinematics::new(d.layout());
     let mut conserved = phipsi_motion::Conserved::default();
-    for (t, q, v, aux) in states {
+    for (State { q, v, t }, aux) in states {
         conserved.record(&phipsi_motion::balance(d, &mut kinematics, (*t, q, v), aux).unwrap());
     }
     conserved.energy_error()
@@ -453,7 +453,7 @@ fn chains_with_stops_and_friction_keep_their_books() {
         let tolerances = Tolerances::new(1e-9);
         let aux = vec![0.0; d.auxiliary_len()];
         let mut i = Integrator::new(&model, method, tolerances, 0.0, &q, &v, &aux);
-        let mut states = vec![(0.0, q.to_vec(), v.to_vec(), aux)];
+        let mut states = vec![(State { q: q.to_vec(), v: v.to_vec(), t: 0.0 }, aux)];
         let mut steps = 0;
         while i.t() < 2.0 {
             if let Err(e) = i.step(&mut d, 2.0, false) {
@@ -479,7 +479,8 @@ fn chains_with_stops_and_friction_keep_their_books() {
                 assert!(*mode != Mode::Forward || v > -1e-12, "seed {seed}: {v:e}");
                 assert!(*mode != Mode::Backward || v < 1e-12, "seed {seed}: {v:e}");
             }
-            states.push((i.t(), i.q().to_vec(), i.v().to_vec(), i.aux().to_vec()));
+            let now = State { q: i.q().to_vec(), v: i.v().to_vec(), t: i.t() };
+            states.push((now, i.aux().to_vec()));
         }
         for o in i.occurrences() {
             kinds.insert(match o.what {

@@ -407,7 +407,7 @@ impl Dynamics {
             let gaps = joint.gaps(state.q);
             let reach = reach(joint, state.q, tolerances);
             if let Some(stops) = joint.stops
-                && let Some(upper) = [0, 1].into_iter().find(|&i| !(gaps[i] >= -reach))
+                && let Some(upper) = [0, 1].into_iter().find(|&i| gaps[i].is_nan() || gaps[i] < -reach)
             {
                 return Err(MotionError::BeyondStop {
                     joint: self.model.joints()[self.model.joint_of_velocity(joint.dof).0].name.clone(),
