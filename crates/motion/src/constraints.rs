@@ -215,7 +215,7 @@ impl Constraints {
         !(self.joints.is_empty() && self.rows.is_empty())
     }
     /// Degrees of freedom whose motion is given.
-    pub(crate) fn active(&self) -> &[bool] {
+    pub(crate) fn given(&self) -> &[bool] {
         &self.given
     }
     /// Holds these degrees of freedom, besides those whose motion is given, at zero acceleration.

@@ -175,7 +175,7 @@ impl Dynamics {
     pub fn active(&self) -> Vec<bool> {
         match &self.solver {
             Solver::Tree(_) => vec![false; self.model.nv()],
-            Solver::Constrained(c) => c.active().to_vec(),
+            Solver::Constrained(c) => c.given().to_vec(),
         }
     }
     /// Closures and couplings (by their following joint), with the number of rows of each.

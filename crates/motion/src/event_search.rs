@@ -6,13 +6,19 @@
 //! | g_i(θ) | event function i on the dense output |
 //! | side | sign of g_i where the motion is; 0: not known yet |
 //!
-//! Samples at eighths of the step bracket passages; a dip between samples is looked for where a parabola through three of them comes
-//! near zero. Brackets are narrowed by regula falsi with halved weights (Illinois) and bisection.
+//! Samples at eighths of the step bracket passages, and at 8^−2 … 8^−6 of it where a function starts near zero: after an event it often
+//! comes back at once. A dip between samples is looked for where a parabola through three of them comes near zero. Brackets are narrowed by regula falsi with halved weights (Illinois) and bisection.
 
 use crate::event::Direction;
 
 /// Intervals of a step.
 const CELLS: usize = 8;
+
+/// Finer samples near the start, in powers of 1/8.
+const FINER: i32 = 6;
+
+/// A start is near zero if it is so small beside the function's values in the step.
+const CLOSE: f64 = 0.02;
 
 /// Halvings in the search for a short excursion after the start.
 const HALVINGS: i32 = 34;
@@ -48,6 +54,7 @@ pub(crate) struct Passage {
 /// Values at the samples.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Search {
+    grid: Vec<f64>,
     samples: Vec<Vec<f64>>,
     scratch: Vec<f64>,
 }
@@ -72,13 +79,30 @@ impl Search {
     ) -> Result<Option<Passage>, E> {
         let n = watched.len();
         self.scratch.resize(n, 0.0);
+        self.grid.clear();
+        self.grid.extend((0..=CELLS).map(|k| k as f64 / CELLS as f64));
+        self.samples.truncate(CELLS + 1);
         self.samples.resize(CELLS + 1, Vec::new());
         self.samples.iter_mut().for_each(|s| s.resize(n, 0.0));
         for k in 0..=CELLS {
             match k {
                 0 => self.samples[k].copy_from_slice(start),
                 CELLS => self.samples[k].copy_from_slice(end),
-                _ => evaluate(theta(k), &mut self.samples[k])?,
+                _ => evaluate(self.grid[k], &mut self.samples[k])?,
+            }
+        }
+        let is_close = |i: usize| {
+            let most = self.samples[1..].iter().fold(0.0f64, |most, s| most.max(s[i].abs()));
+            start[i].is_finite() && start[i].abs() < CLOSE * most
+        };
+        if (0..n).any(is_close) {
+            for power in (2..=FINER).rev() {
+                let at = 1 + (FINER - power) as usize;
+                let theta = 8f64.powi(-power);
+                let mut values = vec![0.0; n];
+                evaluate(theta, &mut values)?;
+                self.grid.insert(at, theta);
+                self.samples.insert(at, values);
             }
         }
         let mut first: Option<Passage> = None;
@@ -104,8 +128,8 @@ impl Search {
         evaluate: &mut Evaluate<'_, E>,
     ) -> Result<Option<Passage>, E> {
         let mut before = (0.0, self.samples[0][i]);
-        for k in 1..=CELLS {
-            let now = (theta(k), self.samples[k][i]);
+        for k in 1..self.grid.len() {
+            let now = (self.grid[k], self.samples[k][i]);
             if !now.1.is_finite() {
                 continue;
             }
@@ -117,7 +141,8 @@ impl Search {
                 // A function of the user's that was left at zero: it may go to the other side and come back at once.
                 if !w.guard && k == 1 && w.direction.leaves(-sign) {
                     let found = self.after_start(i, -sign, now, evaluate)?;
-                    if found.theta > 0.0 {
+                    // Sooner it is rounding of the zero.
+                    if found.theta > NEAR {
                         return Ok(Some(found));
                     }
                 }
@@ -135,7 +160,7 @@ impl Search {
                 }
                 w.side = sign;
             } else if w.direction.leaves(w.side)
-                && k < CELLS
+                && k + 1 < self.grid.len()
                 && let Some(low) = self.dip(i, k, w.side, evaluate)?
             {
                 let bracket = Bracket { low: on_side(before, w.side), high: low };
@@ -173,15 +198,17 @@ impl Search {
         evaluate: &mut Evaluate<'_, E>,
     ) -> Result<Option<(f64, f64)>, E> {
         let s = f64::from(side);
-        let [a, b, c] = [k - 1, k, k + 1].map(|k| s * self.samples[k][i]);
-        let bend = a - 2.0 * b + c;
-        if !(a > b && b <= c && c > 0.0) || b - (a - c).powi(2) / (8.0 * bend) > 0.5 * b {
+        let [(x, a), (y, b), (z, c)] = [k - 1, k, k + 1].map(|k| (self.grid[k], s * self.samples[k][i]));
+        let [before, after] = [(b - a) / (y - x), (c - b) / (z - y)];
+        let bend = (after - before) / (z - x);
+        let slope = before + bend * (y - x);
+        if !(a > b && b <= c && c > 0.0) || b - slope * slope / (4.0 * bend) > 0.5 * b {
             return Ok(None);
         }
         // Golden section; it ends at the first value beyond zero.
         const GOLDEN: f64 = 0.381_966_011_250_105_1;
-        let (mut low, mut high) = (theta(k - 1), theta(k + 1));
-        let (mut middle, mut least) = (theta(k), b);
+        let (mut low, mut high) = (x, z);
+        let (mut middle, mut least) = (y, b);
         for _ in 0..40 {
             let left = middle - low > high - middle;
             let trial =
@@ -202,7 +229,7 @@ impl Search {
             } else {
                 high = trial;
             }
-            if least > 0.0 && (high - low) < 1e-8 {
+            if high - low < 1e-8 * high {
                 break;
             }
         }
@@ -251,10 +278,6 @@ impl Search {
     }
 }
 
-fn theta(k: usize) -> f64 {
-    k as f64 / CELLS as f64
-}
-
 /// Sign of a number; 0 for zero.
 pub(crate) fn side(x: f64) -> i8 {
     i8::from(x > 0.0) - i8::from(x < 0.0)
@@ -289,6 +312,9 @@ mod tests {
         let dip = |x: f64| (x - 0.43).powi(2) - 1e-6;
         assert!((find(dip, Direction::Falling, 1, false).unwrap() - 0.429).abs() < 1e-12);
         assert_eq!(find(|x| (x - 0.43).powi(2) + 1e-6, Direction::Falling, 1, false), None);
+        // From just above zero down and up again, long before the first eighth.
+        let at_once = |x: f64| (x - 1e-6) * (x - 1e-3);
+        assert!((find(at_once, Direction::Falling, 1, true).unwrap() - 1e-6).abs() < 1e-15);
     }
 
     /// A guard that starts at zero: up and down again, away for good, or down at once.

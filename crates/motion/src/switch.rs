@@ -87,7 +87,8 @@ impl JointSwitch {
         }
         let name = &model.joints()[model.joint_of_velocity(self.dof).0].name;
         if let Some(Stops { coordinate, lower, upper, restitution }) = self.stops {
-            if !(lower < upper) || coordinate >= model.nq() {
+            let ordered = lower < upper;
+            if !ordered || coordinate >= model.nq() {
                 return Some(format!(
                     "joint `{name}` has stops at {lower} and {upper}; the lower one must be below the upper one"
                 ));
@@ -122,6 +123,8 @@ pub(crate) struct Switches {
     pub(crate) holding: Vec<f64>,
     pub(crate) acceleration: Vec<f64>,
     pub(crate) scale: f64,
+    /// Further forces on joints, of a trial.
+    pub(crate) trial: Vec<f64>,
 }
 
 impl Switches {
@@ -144,6 +147,7 @@ impl Switches {
             holding: vec![0.0; nv],
             acceleration: vec![0.0; nv],
             scale: 0.0,
+            trial: vec![0.0; nv],
         })
     }
     /// Takes over modes.
@@ -159,6 +163,7 @@ impl Switches {
     /// Sliding friction.
     pub(crate) fn add_friction(&self, tau: &mut [f64]) {
         for (joint, mode) in self.joints.iter().zip(&self.modes) {
+            tau[joint.dof] += self.trial[joint.dof];
             let Some(friction) = joint.friction else { continue };
             match mode {
                 Mode::Forward => tau[joint.dof] -= friction.sliding,

@@ -160,16 +160,15 @@ fn two_stops_push_at_once() {
     assert!(end.q()[0] > 0.0 && end.q()[1] > 0.0);
 }
 
-/// A four-bar parallelogram whose crank strikes: without losses the speed turns over exactly, the loops stay closed.
-#[test]
-fn a_linkage_strikes_its_stop() {
+/// A four-bar of equal rods, without weight: it turns at a constant rate, whatever the angle.
+fn parallelogram() -> Model {
     let rod = |name: &str| Body::new(name, Inertia::from_principal(1.0, [0.5, 0.0, 0.0], [0.0, 0.1, 0.1]));
     let hinge = |name: &str, x: f64| {
         let kind = JointKind::Revolute { axis: [0.0, 1.0, 0.0] };
         Joint::new(name, kind).at(Placement::from_xyz_rpy([x, 0.0, 0.0], [0.0; 3]))
     };
     let end = || Placement::from_xyz_rpy([1.0, 0.0, 0.0], [0.0; 3]);
-    let model = ModelBuilder::new("four-bar")
+    ModelBuilder::new("four-bar")
         .body(rod("crank"))
         .body(rod("coupler"))
         .body(rod("rocker"))
@@ -186,7 +185,29 @@ fn a_linkage_strikes_its_stop() {
         })
         .gravity([0.0; 3])
         .build()
-        .unwrap();
+        .unwrap()
+}
+
+/// Stuck at three hinges of one loop, it breaks away where a ramp t at the crank exceeds the sum of the three breakaway forces: the hinges
+/// turn by equal angles. Its inertia about the crank is 2 (m/4 + I) + m = 1.7, since the coupler does not turn.
+#[test]
+fn joints_of_a_loop_stick_together() {
+    let joints = vec![dry(0, 0.3, 0.4), dry(1, 0.5, 0.6), dry(2, 0.7, 0.8)];
+    let mut d = dynamics(&parallelogram(), vec![force(0, |t| t)], joints);
+    let (found, end) = happenings(&mut d, Method::Dop853, 1e-11, (&[1.0, -1.0, 1.0], &[0.0; 3]), 2.5);
+    // They stick at the start.
+    let later: Vec<&Occurrence> = found.iter().filter(|o| o.t > 0.0).collect();
+    assert!(later.len() == 3 && later.iter().all(|o| (o.t - 1.8).abs() < 1e-12), "{found:?}");
+    // ω̇ = (t − 1.5)/1.7 from t = 1.8 on.
+    let s = 0.7;
+    let turned = (0.5 * 0.3 * s * s + s * s * s / 6.0) / 1.7;
+    assert!((end.q()[0] - 1.0 - turned).abs() < 1e-9, "{:e}", end.q()[0] - 1.0 - turned);
+}
+
+/// A four-bar parallelogram whose crank strikes: without losses the speed turns over exactly, the loops stay closed.
+#[test]
+fn a_linkage_strikes_its_stop() {
+    let model = parallelogram();
     let mut d = dynamics(&model, vec![], vec![stop(0, 0.6, INFINITE, 1.0)]);
     let (q, v) = ([1.0, -1.0, 1.0], [-0.5, 0.5, -0.5]);
     let (found, i) = happenings(&mut d, Method::Dop853, 1e-10, (&q, &v), 1.6);
@@ -358,4 +379,128 @@ fn the_estimate_stays_valid_across_events() {
     }
     // Nine of ten, as without events: neighbouring tolerances can take the same steps in so short a run.
     assert!(10 * good >= 9 * all.len(), "{good} of {}: {all:#?}", all.len());
+}
+
+/// Energy less work, relative to what moves.
+fn energy_error(d: &mut Dynamics, states: &[(State, Vec<f64>)]) -> f64 {
+    let mut kinematics = phipsi_recursion::Kinematics::new(d.layout());
+    let mut conserved = phipsi_motion::Conserved::default();
+    for (State { q, v, t }, aux) in states {
+        conserved.record(&phipsi_motion::balance(d, &mut kinematics, (*t, q, v), aux).unwrap());
+    }
+    conserved.energy_error()
+}
+
+/// Chains with stops and friction at every joint, some closed to a four-bar: they stay inside their stops, do not move where they are
+/// held, keep energy less work, and end.
+#[test]
+fn chains_with_stops_and_friction_keep_their_books() {
+    let rod = |name: &str| Body::new(name, Inertia::from_principal(1.0, [0.5, 0.0, 0.0], [0.01, 0.1, 0.1]));
+    let hinge = |name: &str, x: f64| {
+        let kind = JointKind::Revolute { axis: [0.0, 1.0, 0.0] };
+        Joint::new(name, kind).at(Placement::from_xyz_rpy([x, 0.0, 0.0], [0.0; 3]))
+    };
+    let end = || Placement::from_xyz_rpy([1.0, 0.0, 0.0], [0.0; 3]);
+    let (mut kinds, mut runs) = (std::collections::BTreeSet::new(), 0);
+    for seed in 0..16u32 {
+        let closed = seed % 4 == 3;
+        let mut builder = ModelBuilder::new("chain")
+            .body(rod("1"))
+            .body(rod("2"))
+            .body(rod("3"))
+            .joint(hinge("a", 0.0), "world", "1")
+            .joint(hinge("b", 1.0), "1", "2")
+            .joint(hinge("c", 1.0), if closed { "world" } else { "2" }, "3")
+            .gravity([0.0, 0.0, -9.81]);
+        if closed {
+            builder = builder.closure(Closure {
+                name: "pin".into(),
+                kind: ClosureKind::Spherical,
+                body_a: "2".into(),
+                pose_a: end(),
+                body_b: "3".into(),
+                pose_b: end(),
+            });
+        }
+        let model = builder.build().unwrap();
+        // A generator of its own: fractions of a Weyl sequence.
+        let part = |i: u32| (f64::from(seed * 37 + i) * 0.618_033_988_749_895).fract();
+        let joints: Vec<JointSwitch> = (0..3usize)
+            .map(|k| {
+                let i = 10 * k as u32;
+                let center = if closed { [1.0, -1.0, 1.0][k] } else { 0.0 };
+                let sliding = 3.0 * part(i);
+                JointSwitch {
+                    dof: k,
+                    stops: Some(Stops {
+                        coordinate: k,
+                        lower: center - 0.1 - part(i + 1),
+                        upper: center + 0.1 + part(i + 2),
+                        restitution: 0.9 * part(i + 3),
+                    }),
+                    friction: (part(i + 4) > 0.3)
+                        .then_some(DryFriction { sliding, breakaway: 1.3 * sliding }),
+                }
+            })
+            .collect();
+        let (q, v) = if closed {
+            ([1.0, -1.0, 1.0], [0.8, -0.8, 0.8])
+        } else {
+            ([0.0; 3], [part(5) - 0.5, 2.0 * part(6) - 1.0, part(7)])
+        };
+        let method = [Method::Dop853, Method::Tsit5, Method::Rodas5p][seed as usize % 3];
+        let mut d = dynamics(&model, vec![], joints.clone());
+        let tolerances = Tolerances::new(1e-9);
+        let aux = vec![0.0; d.auxiliary_len()];
+        let mut i = Integrator::new(&model, method, tolerances, 0.0, &q, &v, &aux);
+        let mut states = vec![(State { q: q.to_vec(), v: v.to_vec(), t: 0.0 }, aux)];
+        let mut steps = 0;
+        while i.t() < 2.0 {
+            if let Err(e) = i.step(&mut d, 2.0, false) {
+                let past = i.occurrences();
+                let last = &past[past.len().saturating_sub(8)..];
+                panic!("seed {seed}: {} {last:#?} {:?} {:?}", e.describe(&model), i.modes(), i.v());
+            }
+            steps += 1;
+            assert!(steps < 20_000, "seed {seed}: {:?}", &i.occurrences()[i.occurrences().len() - 20..]);
+            for (joint, mode) in joints.iter().zip(i.modes()) {
+                let stops = joint.stops.unwrap();
+                let (q, v) = (i.q()[joint.dof], i.v()[joint.dof]);
+                // What the tolerance does not tell from the stop.
+                let inside = q > stops.lower - 1e-9 && q < stops.upper + 1e-9;
+                let past = i.occurrences();
+                assert!(
+                    inside,
+                    "seed {seed} at {}: {q} {v} {mode:?} {joint:?} {:#?}",
+                    i.t(),
+                    &past[past.len().saturating_sub(6)..]
+                );
+                assert!(!mode.holds() || v.abs() < 1e-14, "seed {seed}: {v:e} in {mode:?}");
+                assert!(*mode != Mode::Forward || v > -1e-12, "seed {seed}: {v:e}");
+                assert!(*mode != Mode::Backward || v < 1e-12, "seed {seed}: {v:e}");
+            }
+            let now = State { q: i.q().to_vec(), v: i.v().to_vec(), t: i.t() };
+            states.push((now, i.aux().to_vec()));
+        }
+        for o in i.occurrences() {
+            kinds.insert(match o.what {
+                Happening::Impact { energy, .. } => {
+                    assert!(energy > -1e-12, "seed {seed}: {o:?}");
+                    "impact"
+                }
+                Happening::Rest { .. } => "rest",
+                Happening::Leave { .. } => "leave",
+                Happening::Stick { .. } => "stick",
+                Happening::Slip { .. } => "slip",
+                Happening::Event { .. } => "event",
+            });
+        }
+        let error = energy_error(&mut d, &states);
+        assert!(error < 1e-6, "seed {seed}, {method:?}: {error:e}");
+        runs += 1;
+    }
+    assert_eq!(runs, 16);
+    for kind in ["impact", "rest", "stick", "slip"] {
+        assert!(kinds.contains(kind), "{kinds:?}");
+    }
 }

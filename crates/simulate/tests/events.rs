@@ -193,3 +193,45 @@ fn a_run_with_events_resumes_to_the_last_bit() {
     }
     assert!(std::fs::read_to_string(whole.join("index.html")).unwrap().contains("struck its lower stop"));
 }
+
+/// A free body on a circular orbit that a pair of opposite pulses leaves as it was, but for where it is.
+#[test]
+fn satellites_have_thrusters_and_a_planet() {
+    let text = r#"
+[model]
+gravity = [0, 0, 0]
+[[body]]
+name = "bus"
+inertial = { mass = 10.0, inertia = { ixx = 1, iyy = 2, izz = 3 } }
+[[joint]]
+name = "base"
+type = "floating"
+parent = "world"
+child = "bus"
+[initial]
+q.base = [100, 0, 0, 0, 0, 0, 1]
+v.base = [0, 0, 0.1, 0, 10, 0]
+[integrator]
+t_end = 62.83185307179586
+rtol = 1e-11
+[[force]]
+kind = "central_gravity"
+mu = 1e4
+[[force]]
+kind = "thruster"
+body = "bus"
+direction = [0, 0, 2]
+thrust = 1e-3
+on = [[1, 2], [3, 4]]
+specific_impulse = 200
+[outputs]
+far = { body_a = "world", body_b = "bus" }
+"#;
+    let (summary, _) = ran(text);
+    // Across the orbit it is pushed by 2e-4 m/s; the radius changes by squares of that, and by the size of the body over 100 m.
+    assert!((summary.outputs[0].1 - 100.0).abs() < 1e-3, "{:?}", summary.outputs);
+    assert!(summary.energy_error < 1e-10, "{:e}", summary.energy_error);
+    let wrong = scene(&text.replace("on = [[1, 2], [3, 4]]", "on = [[1, 2], [1.5, 4]]"));
+    let Err(SimulateError::Scene(reports)) = wrong else { panic!("accepted") };
+    assert!(reports[0].errors[0].required.contains("do not overlap"));
+}

@@ -8,7 +8,9 @@
 //!
 //! Guards, positive in their mode: s of each stop while a joint moves, v or −v while it slides; f₀ − |T| while it sticks, T + f₀ on a lower
 //! stop, f₀ − T on an upper one. At rest the modes follow from an active set: every joint at rest is held at first, those whose T is too
-//! large are released one by one, and held again where they would move against their release.
+//! large are released one by one, and held again where they would move against their release. Several sticking joints of closed loops hold
+//! each other, so that T is not determined: they stick together as long as no joint moves with the breakaway forces of all against the way
+//! in which they would move without.
 
 use super::{Dynamics, MotionError, Solver};
 use crate::constraints::Constraints;
@@ -21,6 +23,8 @@ use crate::prescription::Prescription;
 use crate::switch::{JointSwitch, Switches};
 use crate::system::System;
 use phipsi_model::Model;
+
+mod resting;
 
 /// Guards of a joint: lower stop, upper stop, sliding or holding.
 const GUARDS: usize = 3;
@@ -175,7 +179,8 @@ impl Dynamics {
         for (i, (k, upper)) in touched.iter().enumerate().filter(|(i, _)| before[*i] < 0.0) {
             let e = joints[*k].stops.map_or(0.0, |s| s.restitution);
             let push = sign(*upper) * self.switches.acceleration[joints[*k].dof];
-            endless[i] = is_endless(t, e, before[i], push, tolerances);
+            let size = joints[*k].stops.map_or(0.0, |s| state.q[s.coordinate].abs());
+            endless[i] = is_endless(t, size, e, [before[i], push], tolerances);
             restitution[i] = if endless[i] { 0.0 } else { e };
         }
         let mut responses = vec![0.0; m * nv];
@@ -244,108 +249,6 @@ impl Dynamics {
         Ok(())
     }
 
-    /// Modes of the joints at rest: those that are held now, and `resting`. `released`: leaves its mode in any case.
-    fn decide(
-        &mut self,
-        state: &mut Changing<'_>,
-        tolerances: &Tolerances,
-        resting: &[usize],
-        released: Option<usize>,
-        log: &mut Vec<Occurrence>,
-    ) -> Result<(), MotionError> {
-        let joints = self.switches.joints.clone();
-        let n = joints.len();
-        let before = state.modes.to_vec();
-        let touched = self.touched(state.q, tolerances);
-        // How a joint is held, where it is at rest.
-        let mut holds = vec![None; n];
-        for (k, joint) in joints.iter().enumerate() {
-            if before[k].holds() {
-                holds[k] = Some(before[k]);
-            } else if resting.contains(&k) {
-                let stop = touched.iter().find(|(other, _)| *other == k);
-                holds[k] = match (stop, joint.friction) {
-                    (Some((_, true)), _) => Some(Mode::AtUpper),
-                    (Some((_, false)), _) => Some(Mode::AtLower),
-                    (None, Some(_)) => Some(Mode::Stuck),
-                    (None, None) => None,
-                };
-            }
-            if let Some(hold) = holds[k] {
-                state.modes[k] = hold;
-                state.v[joint.dof] = 0.0;
-            }
-        }
-        let mut way = vec![0.0; n];
-        let mut keeps = released;
-        if let Some(k) = released {
-            self.enter_modes(state.modes);
-            self.look(state.t, (state.q, state.v, state.aux))?;
-            way[k] = release(state.modes[k], self.switches.holding[joints[k].dof]);
-            state.modes[k] = joints[k].moving(way[k]);
-        }
-        let rounds = 12 * n + 12;
-        for round in 0..rounds {
-            self.enter_modes(state.modes);
-            self.look(state.t, (state.q, state.v, state.aux))?;
-            let Switches { holding, acceleration, scale, .. } = &self.switches;
-            let mut worst: Option<(usize, f64)> = None;
-            let fastest = acceleration.iter().fold(0.0f64, |most, a| most.max(a.abs()));
-            for k in (0..n).filter(|k| holds[*k].is_some()) {
-                let (dof, limit) = (joints[k].dof, joints[k].breakaway());
-                let excess = match state.modes[k] {
-                    Mode::Stuck => holding[dof].abs() - limit,
-                    Mode::AtLower => -holding[dof] - limit,
-                    Mode::AtUpper => holding[dof] - limit,
-                    // Forces and accelerations are compared by the share of the largest one.
-                    _ => -acceleration[dof] * way[k] * (scale / fastest.max(f64::MIN_POSITIVE)),
-                };
-                let allowed = ROUNDING * (scale + limit) * if keeps == Some(k) { 1e4 } else { 1.0 };
-                if excess > allowed && (round < 4 * n + 4 || worst.is_none_or(|w| w.0 < k)) {
-                    worst = match worst {
-                        Some(w) if round < 4 * n + 4 && w.1 >= excess => Some(w),
-                        _ => Some((k, excess)),
-                    };
-                }
-            }
-            let Some((k, _)) = worst else { break };
-            if state.modes[k].holds() {
-                way[k] = release(state.modes[k], holding[joints[k].dof]);
-                state.modes[k] = joints[k].moving(way[k]);
-            } else {
-                state.modes[k] = holds[k].unwrap_or(Mode::Free);
-                keeps = keeps.filter(|kept| *kept != k);
-            }
-        }
-        self.enter_modes(state.modes);
-        for (k, joint) in joints.iter().enumerate() {
-            let (dof, t) = (joint.dof, state.t);
-            if let (Mode::AtLower | Mode::AtUpper, Some(stops)) = (state.modes[k], joint.stops) {
-                let upper = state.modes[k] == Mode::AtUpper;
-                state.q[stops.coordinate] = if upper { stops.upper } else { stops.lower };
-            }
-            let what = match (before[k], state.modes[k]) {
-                (a, b) if a == b => continue,
-                (_, Mode::Stuck) => Happening::Stick { dof },
-                (_, Mode::AtLower | Mode::AtUpper) => {
-                    let upper = state.modes[k] == Mode::AtUpper;
-                    let told = |o: &Occurrence| {
-                        o.t == t && matches!(o.what, Happening::Rest { dof: other, .. } if other == dof)
-                    };
-                    if log.iter().rev().take(4 * n).any(told) {
-                        continue;
-                    }
-                    Happening::Rest { dof, upper, endless: false }
-                }
-                (Mode::AtLower | Mode::AtUpper, _) => Happening::Leave { dof },
-                (_, Mode::Free) => continue,
-                (_, mode) => Happening::Slip { dof, forward: mode == Mode::Forward },
-            };
-            log.push(Occurrence { t, what });
-        }
-        Ok(())
-    }
-
     /// Modes at the start of a run.
     fn begin(
         &mut self,
@@ -359,7 +262,7 @@ impl Dynamics {
             let gaps = joint.gaps(state.q);
             let reach = reach(joint, state.q, tolerances);
             if let Some(stops) = joint.stops
-                && let Some(upper) = [0, 1].into_iter().find(|&i| !(gaps[i] >= -reach))
+                && let Some(upper) = [0, 1].into_iter().find(|&i| gaps[i].is_nan() || gaps[i] < -reach)
             {
                 return Err(MotionError::BeyondStop {
                     joint: self.model.joints()[self.model.joint_of_velocity(joint.dof).0].name.clone(),
@@ -419,25 +322,16 @@ fn reach(joint: &JointSwitch, q: &[f64], tolerances: &Tolerances) -> f64 {
     (0.1 * tolerances.atol.min(LOOSEST)).max(64.0 * f64::EPSILON * size)
 }
 
-/// True if the impacts that follow are smaller than the tolerance tells from rest. `speed` < 0 before, `push` < 0 towards the stop.
-fn is_endless(t: f64, restitution: f64, speed: f64, push: f64, tolerances: &Tolerances) -> bool {
+/// True if the impacts that follow are smaller than the tolerance tells from rest, or than rounding of time and position does.
+/// `speed` < 0 before, `push` < 0 towards the stop, `size` of its position.
+fn is_endless(t: f64, size: f64, restitution: f64, [speed, push]: [f64; 2], tolerances: &Tolerances) -> bool {
     if !(push < 0.0 && restitution > 0.0 && restitution < 1.0) {
         return false;
     }
     let rebound = restitution * speed.abs();
     let (height, flight) = (0.5 * rebound * rebound / -push, 2.0 * rebound / -push);
     let small = rebound <= 0.1 * tolerances.rtol.min(LOOSEST) && height <= 0.1 * tolerances.atol.min(LOOSEST);
-    small || flight <= 64.0 * f64::EPSILON * t.abs()
-}
-
-/// Direction in which a joint leaves, held by a force T.
-fn release(mode: Mode, holding: f64) -> f64 {
-    match mode {
-        Mode::AtLower => 1.0,
-        Mode::AtUpper => -1.0,
-        // Friction cannot push harder, so the joint gives way to what it is held against.
-        _ => -holding.signum(),
-    }
+    small || flight <= 64.0 * f64::EPSILON * t.abs() || height <= 32.0 * f64::EPSILON * size
 }
 
 impl Events for Dynamics {
@@ -475,7 +369,11 @@ impl Events for Dynamics {
     ) -> Result<u64, MotionError> {
         out.fill(f64::INFINITY);
         let evaluations = u64::from(self.switches.any_held);
-        if self.switches.any_held {
+        let mut together = None;
+        if self.sticks_in_loops(&self.switches.modes) {
+            let modes = self.switches.modes.clone();
+            together = Some(self.margin(t, (q, v, aux), &modes)?.0);
+        } else if self.switches.any_held {
             self.look(t, (q, v, aux))?;
         }
         let Switches { joints, modes, holding, .. } = &self.switches;
@@ -488,7 +386,7 @@ impl Events for Dynamics {
                 Mode::Free => f64::INFINITY,
                 Mode::Forward => v[joint.dof],
                 Mode::Backward => -v[joint.dof],
-                Mode::Stuck => joint.breakaway() - force.abs(),
+                Mode::Stuck => together.unwrap_or(joint.breakaway() - force.abs()),
                 Mode::AtLower => force + joint.breakaway(),
                 Mode::AtUpper => joint.breakaway() - force,
             };
@@ -515,6 +413,7 @@ impl Events for Dynamics {
     fn noise(&self, i: usize, q: &[f64], _: &[f64], tolerances: &Tolerances) -> f64 {
         let Some(joint) = self.switches.joints.get(i / GUARDS) else { return 0.0 };
         match i % GUARDS {
+            2 if self.sticks_in_loops(&self.switches.modes) => ROUNDING,
             2 if self.switches.modes[i / GUARDS].holds() => {
                 ROUNDING * (self.switches.scale + joint.breakaway())
             }

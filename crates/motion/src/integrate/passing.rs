@@ -151,7 +151,7 @@ impl Integrator {
             let h = t1 - t0;
             let resolution = 4.0 * f64::EPSILON * t0.abs().max(f64::MIN_POSITIVE);
             let (index, mut t) = (passage.index, t0 + passage.theta * h);
-            if !(t - t0 > resolution) {
+            if t - t0 <= resolution {
                 self.remember(&[], Some((index, watched[index].side)));
                 return Ok(Ahead::AtOnce { index });
             }
