@@ -67,7 +67,11 @@ fn write(file: &Path, tables: &str) -> Result<(), String> {
     let first = text.find(begin).map(|i| i + begin.len());
     let last = text.find(end);
     let (Some(first), Some(last)) = (first, last) else {
-        return Err(format!("{}: it has no marks `{}` and `{end}` for the tables", file.display(), begin.trim()));
+        return Err(format!(
+            "{}: it has no marks `{}` and `{end}` for the tables",
+            file.display(),
+            begin.trim()
+        ));
     };
     let whole = format!("{}\n{tables}\n{}", &text[..first], &text[last..]);
     std::fs::write(file, whole).map_err(|e| format!("{}: {e}", file.display()))

@@ -106,13 +106,14 @@ impl Dynamics {
             names.extend(force.auxiliary());
             slots.push(names.len());
         }
-        let (solver, form_choice) = match Constraints::new(model, prescription, plan.loops || plan.prescribed)? {
-            Some(constraints) => (Solver::Constrained(Box::new(constraints)), None),
-            None => {
-                let (forward, choice) = forward(model, &layout, plan.form);
-                (Solver::Tree(forward), choice)
-            }
-        };
+        let (solver, form_choice) =
+            match Constraints::new(model, prescription, plan.loops || plan.prescribed)? {
+                Some(constraints) => (Solver::Constrained(Box::new(constraints)), None),
+                None => {
+                    let (forward, choice) = forward(model, &layout, plan.form);
+                    (Solver::Tree(forward), choice)
+                }
+            };
         let moving = layout.carriers().iter().filter(|c| c.body != GROUND);
         Ok(Dynamics {
             moving_mass: moving.map(|c| c.inertia.mass).sum(),

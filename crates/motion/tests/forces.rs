@@ -139,7 +139,8 @@ fn the_plan_equals_the_general_code() {
             };
             let mut planned = Dynamics::new(&model, chosen()).unwrap();
             let tree = Plan { loops: false, prescribed: false, ..Plan::everything() };
-            let general = |plan| Dynamics::with_plan(&model, chosen(), plan, &Prescription::default()).unwrap();
+            let general =
+                |plan| Dynamics::with_plan(&model, chosen(), plan, &Prescription::default()).unwrap();
             let (mut general, mut everything) = (general(tree), general(Plan::everything()));
             assert!(everything.is_constrained() && !general.is_constrained());
             for seed in 0..5 {

@@ -7,7 +7,17 @@ use std::process::Command;
 /// Crates of a build, this one among them.
 fn crates(features: &str) -> usize {
     let output = Command::new(env!("CARGO"))
-        .args(["tree", "-p", "phipsi", "--no-default-features", "-e", "normal", "--prefix", "none", "--offline"])
+        .args([
+            "tree",
+            "-p",
+            "phipsi",
+            "--no-default-features",
+            "-e",
+            "normal",
+            "--prefix",
+            "none",
+            "--offline",
+        ])
         .args(["--features", features])
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()

@@ -37,7 +37,15 @@ fn single_calls_are_right_refused_or_warned_of() {
 /// Runs: one of each kind.
 #[test]
 fn runs_are_right_or_say_how_wrong_they_are() {
-    let chosen = ["spring-1e12", "damped-1e12", "stiff-elbow", "flips-1e4", "separatrix-1e-2", "free-flyer-1e9", "late-1e9"];
+    let chosen = [
+        "spring-1e12",
+        "damped-1e12",
+        "stiff-elbow",
+        "flips-1e4",
+        "separatrix-1e-2",
+        "free-flyer-1e9",
+        "late-1e9",
+    ];
     for scene in scenes().into_iter().filter(|s| chosen.contains(&s.name.as_str())) {
         let finding = scene.run();
         assert_eq!(finding.measured.outcome, Outcome::Right, "{finding:?}");

@@ -5,12 +5,13 @@
 use phipsi::model::{
     Base, Body, Closure, ClosureKind, Inertia, Joint, JointKind, Model, ModelBuilder, Placement,
 };
-use phipsi::recursion::{Layout, body_pose};
-use phipsi::spatial::Vec3;
 use phipsi::motion::forces::{JointSpring, JointTorque};
 use phipsi::motion::{
-    Course, Dynamics, Force, Integrator, Method, Plan, PrescribedJoint, Prescription, Signal, System, Tolerances,
+    Course, Dynamics, Force, Integrator, Method, Plan, PrescribedJoint, Prescription, Signal, System,
+    Tolerances,
 };
+use phipsi::recursion::{Layout, body_pose};
+use phipsi::spatial::Vec3;
 use std::time::Instant;
 
 type Failure = Box<dyn std::error::Error>;
@@ -148,7 +149,8 @@ fn table() -> Result<String, Failure> {
         let [plan, whole] = times.map(median);
         let left_out: Vec<String> = planned.plan().left_out();
         let short = left_out.iter().map(|l| l.split(':').next().unwrap_or(l)).collect::<Vec<_>>().join("; ");
-        text += &format!("| {name} | {:.2} | {:.2} | {:.2} | {short} |\n", 1e6 * plan, 1e6 * whole, whole / plan);
+        text +=
+            &format!("| {name} | {:.2} | {:.2} | {:.2} | {short} |\n", 1e6 * plan, 1e6 * whole, whole / plan);
     }
     Ok(text)
 }

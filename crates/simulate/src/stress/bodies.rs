@@ -3,9 +3,7 @@
 use super::Scene;
 use super::chain::{Chain, State};
 use super::tree::{Call, judge};
-use phipsi_model::{
-    Body, Inertia, Joint, JointKind, Model, ModelBuilder, ModelErrors, Placement, Random,
-};
+use phipsi_model::{Body, Inertia, Joint, JointKind, Model, ModelBuilder, ModelErrors, Placement, Random};
 use std::f64::consts::{FRAC_PI_2, SQRT_2};
 
 const FAMILY: &str = "bodies";
@@ -27,8 +25,10 @@ fn series(parts: Vec<(JointKind, Inertia)>) -> Result<Model, ModelErrors> {
     for (k, (kind, inertia)) in parts.into_iter().enumerate() {
         let at = [if k == 0 { 0.0 } else { 1.0 }, 0.0, 0.0];
         let parent = if k == 0 { "world".to_string() } else { format!("body{}", k - 1) };
-        let joint = Joint::new(format!("joint{k}"), kind).at(Placement { translation: at, ..Placement::IDENTITY });
-        builder = builder.body(Body::new(format!("body{k}"), inertia)).joint(joint, parent, format!("body{k}"));
+        let joint =
+            Joint::new(format!("joint{k}"), kind).at(Placement { translation: at, ..Placement::IDENTITY });
+        builder =
+            builder.body(Body::new(format!("body{k}"), inertia)).joint(joint, parent, format!("body{k}"));
     }
     builder.build()
 }
@@ -53,8 +53,11 @@ fn at(q: Vec<f64>, nv: usize) -> State {
 pub(super) fn scenes() -> Vec<Scene> {
     let mut all = Vec::new();
     for decade in [2, 5, 8] {
-        let needles =
-            Chain { axes: (0..12).map(|k| k % 3).collect(), radius: 10f64.powi(-decade), ..Chain::uniform(12) };
+        let needles = Chain {
+            axes: (0..12).map(|k| k % 3).collect(),
+            radius: 10f64.powi(-decade),
+            ..Chain::uniform(12)
+        };
         let what = "twelve rods of that radius over length, axes along and across them in turn";
         all.push(chain(format!("needles-1e-{decade}"), what, needles));
     }
@@ -116,7 +119,8 @@ pub(super) fn scenes() -> Vec<Scene> {
         }
     };
     for decade in [2, 6] {
-        let what = "massless gimbal rings, that far from the position in which their axes lie in a plane, rad";
+        let what =
+            "massless gimbal rings, that far from the position in which their axes lie in a plane, rad";
         all.push(scene(format!("gimbal-1e-{decade}"), what, gimbal(FRAC_PI_2 - 10f64.powi(-decade))));
     }
     all.push(scene("gimbal-locked", "massless gimbal rings at 90° to the last bit", gimbal(FRAC_PI_2)));

@@ -1,6 +1,8 @@
 //! Serial chains of rods with one-axis joints at their ends.
 
-use phipsi_model::{Base, Body, Inertia, Joint, JointKind, Model, ModelBuilder, ModelErrors, Placement, Random};
+use phipsi_model::{
+    Base, Body, Inertia, Joint, JointKind, Model, ModelBuilder, ModelErrors, Placement, Random,
+};
 
 /// A chain: link k hangs at the end of link k − 1, the first one at `offset`.
 #[derive(Clone, Debug)]
@@ -73,7 +75,8 @@ impl Chain {
     /// origin and does not turn.
     pub fn state(&self, seed: u64, bend: f64, rate: f64) -> State {
         let mut random = Random::new(seed);
-        let mut numbers = |scale: f64| self.masses.iter().map(|_| scale * random.signed()).collect::<Vec<f64>>();
+        let mut numbers =
+            |scale: f64| self.masses.iter().map(|_| scale * random.signed()).collect::<Vec<f64>>();
         let (mut q, mut v, mut tau) = (numbers(bend), numbers(rate), numbers(1.0));
         for ((tau, m), l) in tau.iter_mut().zip(&self.masses).zip(&self.lengths) {
             *tau *= m * l;

@@ -3,12 +3,13 @@
 //! Parallelograms in a row, in the x-z plane: cranks on the ground, a coupler between each two, closed by hinges. They are singular
 //! where all rods lie in one line: at the angle zero.
 
-use super::sensitivity::{STEP, largest};
 use super::page::number;
+use super::sensitivity::{STEP, largest};
 use super::{Measured, Outcome, Scene, timed};
 use phipsi_closure::{ClosedDynamics, ClosureMotion, Conditions};
 use phipsi_model::{
-    Body, Closure, ClosureKind, Inertia, Joint, JointKind, Model, ModelBuilder, ModelErrors, Placement, Random,
+    Body, Closure, ClosureKind, Inertia, Joint, JointKind, Model, ModelBuilder, ModelErrors, Placement,
+    Random,
 };
 use phipsi_recursion::{InverseDynamics, Layout};
 use phipsi_spatial::Dd;
@@ -201,7 +202,11 @@ fn judge(scene: &Parallelograms, contradicts: bool) -> Measured {
         message = format!("{message}: near singular, an error up to {:.0e} is told", info.error_estimate);
         Outcome::Warned
     } else {
-        message = format!("{message}; error {} where {explained:.0e} is required, backward {}", number(error), number(backward));
+        message = format!(
+            "{message}; error {} where {explained:.0e} is required, backward {}",
+            number(error),
+            number(backward)
+        );
         Outcome::Wrong
     };
     Measured { error, kappa: sensitivity, backward, drift: None, steps: None, wall_s, outcome, message }
@@ -233,7 +238,11 @@ pub(super) fn scenes() -> Vec<Scene> {
         let what = "a parallelogram that far from the line in which it is singular, rad";
         all.push(scene(format!("singular-1e-{decade}"), what, near));
     }
-    all.push(scene("singular", "a parallelogram in one line: it has two freedoms", Parallelograms { angle: 0.0, ..base() }));
+    all.push(scene(
+        "singular",
+        "a parallelogram in one line: it has two freedoms",
+        Parallelograms { angle: 0.0, ..base() },
+    ));
     let many = Parallelograms { count: 100, angle: 1e-4, ..base() };
     all.push(scene("singular-100", "a hundred parallelograms 1e-4 rad from their line", many));
     all.push(scene("redundant-3", "a hinge closed three times", Parallelograms { closed: 3, ..base() }));
@@ -243,9 +252,12 @@ pub(super) fn scenes() -> Vec<Scene> {
     all.push(scene("redundant-100", "a hundred parallelograms, each closed twice", pair));
     let ball = Parallelograms { kind: ClosureKind::Spherical, ..base() };
     all.push(scene("ball", "a parallelogram closed by a ball: one row is implied", ball));
-    all.push(Scene::new(FAMILY, "contradictory", "a row that the others imply is given another acceleration", || {
-        judge(&Parallelograms::default(), true)
-    }));
+    all.push(Scene::new(
+        FAMILY,
+        "contradictory",
+        "a row that the others imply is given another acceleration",
+        || judge(&Parallelograms::default(), true),
+    ));
     for (name, masses) in [("cranks", [1.0, 1e-12]), ("coupler", [1e-12, 1.0])] {
         let uneven = Parallelograms { masses, ..base() };
         all.push(scene(format!("heavy-{name}"), "the other rods are 1e12 times lighter", uneven));

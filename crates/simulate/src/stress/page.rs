@@ -35,7 +35,8 @@ fn duration(seconds: f64) -> String {
     }
 }
 
-const COLUMNS: [&str; 8] = ["scene", "outcome", "forward / εκ", "κ", "backward / ε", "drift", "steps", "time"];
+const COLUMNS: [&str; 8] =
+    ["scene", "outcome", "forward / εκ", "κ", "backward / ε", "drift", "steps", "time"];
 
 fn cells(f: &Finding) -> [String; 8] {
     [
@@ -76,7 +77,13 @@ pub fn table(findings: &[Finding]) -> String {
 fn summary(findings: &[Finding]) -> String {
     use super::Outcome::*;
     let count = |o| findings.iter().filter(|f| f.measured.outcome == o).count();
-    format!("{} right, {} refused, {} warned, {} wrong", count(Right), count(Refused), count(Warned), count(Wrong))
+    format!(
+        "{} right, {} refused, {} warned, {} wrong",
+        count(Right),
+        count(Refused),
+        count(Warned),
+        count(Wrong)
+    )
 }
 
 /// The tables of the documentation's page, in Markdown.
@@ -87,7 +94,8 @@ pub fn page(findings: &[Finding]) -> String {
         if f.family != family {
             family = f.family;
             text += &format!("\n## {}{}\n\n", family[..1].to_uppercase(), &family[1..]);
-            text += &format!("| {} | what is extreme | form or method; what was said |\n", COLUMNS.join(" | "));
+            text +=
+                &format!("| {} | what is extreme | form or method; what was said |\n", COLUMNS.join(" | "));
             text += &format!("|{}\n", "---|".repeat(COLUMNS.len() + 2));
         }
         let message = f.measured.message.replace('|', "\\|").replace('\n', " ");

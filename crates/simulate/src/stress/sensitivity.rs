@@ -54,7 +54,11 @@ fn changed_state(model: &Model, state: &State, random: &mut Random) -> State {
         }
     }
     let mut change = |x: &f64| x * (1.0 + STEP * random.signed());
-    State { q, v: state.v.iter().map(&mut change).collect(), tau: state.tau.iter().map(&mut change).collect() }
+    State {
+        q,
+        v: state.v.iter().map(&mut change).collect(),
+        tau: state.tau.iter().map(&mut change).collect(),
+    }
 }
 
 fn vector<const N: usize>(x: [f64; N], random: &mut Random) -> [f64; N] {
@@ -77,7 +81,8 @@ fn changed_model(model: &Model, random: &mut Random) -> Option<Model> {
         };
         let parent = model.tree().parent(k).map_or("world", |p| &model.bodies()[p].name);
         let joint = Joint::new(joint.name.as_str(), joint.kind).at(placed(joint.placement, random));
-        builder = builder.body(Body::new(body.name.as_str(), inertia)).joint(joint, parent, body.name.as_str());
+        builder =
+            builder.body(Body::new(body.name.as_str(), inertia)).joint(joint, parent, body.name.as_str());
     }
     builder.build().ok()
 }

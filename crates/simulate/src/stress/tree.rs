@@ -1,12 +1,12 @@
 //! One call of forward dynamics on a tree, in the form that the library chooses, and its errors.
 
 use super::chain::State;
-use super::sensitivity::{kappa, largest};
 use super::page::number;
+use super::sensitivity::{kappa, largest};
 use super::{Measured, Outcome, timed};
 use phipsi_model::{Model, ModelErrors};
 use phipsi_recursion::{
-    ForwardDynamics, FormChoice, FormForwardDynamics, InverseDynamics, Layout, SquareRootForwardDynamics,
+    FormChoice, FormForwardDynamics, ForwardDynamics, InverseDynamics, Layout, SquareRootForwardDynamics,
     forward_info, mass_matrix,
 };
 use phipsi_spatial::{Dd, Scalar};
@@ -57,7 +57,10 @@ pub(super) fn judge(call: Call) -> Measured {
         return Measured { wall_s, ..Measured::refused(e) };
     }
     if let Some(i) = a.iter().position(|x| !x.is_finite()) {
-        return Measured { wall_s, ..Measured::wrong(format!("acceleration {i} is {}, and no error said so", a[i])) };
+        return Measured {
+            wall_s,
+            ..Measured::wrong(format!("acceleration {i} is {}, and no error said so", a[i]))
+        };
     }
     let n = layout.len();
     let (model, state) = twin.unwrap_or((model, state));
@@ -86,7 +89,11 @@ pub(super) fn judge(call: Call) -> Measured {
         message = told.1;
         Outcome::Warned
     } else {
-        message = format!("{message}; error {} where {line:.0e} is required, backward {}", number(error), number(backward));
+        message = format!(
+            "{message}; error {} where {line:.0e} is required, backward {}",
+            number(error),
+            number(backward)
+        );
         Outcome::Wrong
     };
     Measured { error, kappa: sensitivity, backward, drift: None, steps: None, wall_s, outcome, message }
