@@ -89,7 +89,7 @@ def scenes() -> dict[str, Chain]:
     for decade in (3, 6, 9, 12, 15):
         masses = [1.0 if k % 2 == 0 else float(f"1e-{decade}") for k in range(20)]
         found[f"alternating-1e-{decade}"] = uniform(20, 300 + decade, masses=masses)
-    for name, ratio in (("0.1", 0.1), ("2", 2.0), ("4", 4.0)):
+    for name, ratio in (("2", 2.0), ("4", 4.0)):
         powers = {"masses": [(ratio**3) ** k for k in range(20)], "lengths": [ratio**k for k in range(20)]}
         found[f"length-x{name}-per-link"] = uniform(20, 400, **powers)
     for decade in (-6, 6):
