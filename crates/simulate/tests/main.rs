@@ -1,7 +1,6 @@
 //! Scenes, runs, reports.
 
 mod benchmarks;
-mod estimate;
 mod loops;
 mod molecule;
 mod mutation;
