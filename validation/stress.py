@@ -89,7 +89,7 @@ def scenes() -> dict[str, Chain]:
     for decade in (3, 6, 9, 12, 15):
         masses = [1.0 if k % 2 == 0 else float(f"1e-{decade}") for k in range(20)]
         found[f"alternating-1e-{decade}"] = uniform(20, 300 + decade, masses=masses)
-    for name, ratio in (("0.1", 0.1), ("2", 2.0), ("4", 4.0)):
+    for name, ratio in (("2", 2.0), ("4", 4.0)):
         powers = {"masses": [(ratio**3) ** k for k in range(20)], "lengths": [ratio**k for k in range(20)]}
         found[f"length-x{name}-per-link"] = uniform(20, 400, **powers)
     for decade in (-6, 6):
@@ -156,8 +156,8 @@ def _inverse_dynamics(chain: Chain, turns: list, v: list, a: list, gravity) -> l
 
 
 def truth(chain: Chain) -> list:
-    """Accelerations in 60 digits, from the mass matrix."""
-    with mpmath.workdps(90):
+    """Accelerations in 60 digits or more, from the mass matrix; its entries span a hundred decades."""
+    with mpmath.workdps(250):
         n = len(chain.masses)
         turns = [_turn(axis, mpmath.mpf(q)) for axis, q in zip(chain.axes, chain.q)]
         v, still = [mpmath.mpf(x) for x in chain.v], [mpmath.mpf(0)] * n
@@ -194,7 +194,8 @@ def by_pinocchio(chain: Chain) -> np.ndarray:
         parent = model.addJoint(parent, joints[chain.axes[k]](), pin.SE3(np.eye(3), place), f"joint{k}")
         axial, across = chain.moments(k)
         inertia = pin.Inertia(mass, np.array([chain.lengths[k] / 2, 0.0, 0.0]), np.diag([axial, across, across]))
-        model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
+        # Not `appendBodyToJoint`: adding to an empty inertia, it loses centres of masses below ε.
+        model.inertias[parent] = inertia
     state = (np.array(chain.q), np.array(chain.v), np.array(chain.tau))
     # In the bodies' own frames: the more accurate of its two variants.
     return pin.aba(model, model.createData(), *state, pin.Convention.LOCAL).copy()
@@ -275,7 +276,9 @@ def phipsi_findings(command: str) -> dict[str, dict]:
     return {f["name"]: f for f in json.loads(done.stdout)}
 
 
-def ours(finding: dict) -> str:
+def ours(finding: dict | None) -> str:
+    if finding is None:
+        return "–"
     if finding["forward_error"] is None:
         return finding["outcome"]
     size = finding["forward_error"] * finding["kappa"] * EPSILON
@@ -286,15 +289,16 @@ def tables(findings: dict[str, dict]) -> str:
     lines = ["| scene | phipsi | Pinocchio `aba` | MuJoCo `mj_forward` |", "|---|---|---|---|"]
     for name, chain in scenes().items():
         exact = truth(chain)
-        cells = [ours(findings[name]), attempt(by_pinocchio, chain, exact), attempt(by_mujoco, chain, exact)]
+        cells = [ours(findings.get(name)), attempt(by_pinocchio, chain, exact), attempt(by_mujoco, chain, exact)]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
         print(lines[-1], flush=True)
     lines += ["", "| run | phipsi: error, steps | MuJoCo: step 2 ms | a hundredth of the time constant, at most 1e5 steps |", "|---|---|---|---|"]
     for name, (stiffness, damping, t_end) in SPRINGS.items():
         fine = max(0.01 / math.sqrt(stiffness), t_end / 1e5)
         coarse = mujoco_spring(stiffness, damping, t_end, min(2e-3, t_end / 2))
-        f = findings[name]
-        lines.append(f"| {name} | {ours(f)}, {f['steps']} | {coarse} | {mujoco_spring(stiffness, damping, t_end, fine)} |")
+        f = findings.get(name)
+        steps = f", {f['steps']}" if f else ""
+        lines.append(f"| {name} | {ours(f)}{steps} | {coarse} | {mujoco_spring(stiffness, damping, t_end, fine)} |")
         print(lines[-1], flush=True)
     return "\n".join(lines) + "\n"
 

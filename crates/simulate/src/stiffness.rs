@@ -16,6 +16,10 @@ const IMPLICIT_STEPS: usize = 40;
 /// A scene that an explicit method ends in so many evaluations needs no other.
 const ENOUGH: f64 = 20_000.0;
 
+/// Looks at an explicit method that its tolerance limits at first, where the whole run takes so many times more.
+const LOOKS: usize = 6;
+const WORTH: f64 = 10.0;
+
 /// Most degrees of freedom of an implicit method: the factorisation of a step grows with their cube.
 pub(crate) const MOST_DOF: usize = 200;
 
@@ -46,24 +50,7 @@ pub(crate) fn look(simulation: &mut Simulation) -> Option<Choice> {
         return None;
     }
     let implicit = if tolerance >= LOOSE { Method::Rodas4 } else { Method::Rodas5p };
-    let (start, span) = (simulation.start.clone(), simulation.t_end - simulation.start.t);
-    // The first steps are short and follow fast motions that die out: only the second half counts.
-    let settled = advance(simulation, explicit, &start, STEPS / 2)?;
-    let measured = advance(simulation, explicit, &settled.end, STEPS / 2)?;
-    let whole = span / measured.speed();
-    if !measured.complete || whole < ENOUGH {
-        return None;
-    }
-    // Steps that the tolerance sets would grow by 1.8 (order 8) or 2.5 (order 5).
-    let tolerances = simulation.tolerances;
-    (simulation.tolerances.rtol, simulation.tolerances.atol) =
-        (LOOSER * tolerances.rtol, LOOSER * tolerances.atol);
-    let loose = advance(simulation, explicit, &settled.end, STEPS / 2);
-    simulation.tolerances = tolerances;
-    let loose = loose?;
-    if (loose.end.t - loose.begin) / loose.steps > 1.4 * (measured.end.t - measured.begin) / measured.steps {
-        return None;
-    }
+    let (settled, measured) = limited(simulation, explicit)?;
     let settled = advance(simulation, implicit, &settled.end, IMPLICIT_STEPS / 2)?;
     let other = advance(simulation, implicit, &settled.end, IMPLICIT_STEPS / 2)?;
     let nv = simulation.model().nv();
@@ -84,6 +71,38 @@ pub(crate) fn look(simulation: &mut Simulation) -> Option<Choice> {
         unit = simulation.time_unit(),
     );
     Some(Choice { method: implicit.into(), why })
+}
+
+/// Where the explicit method stands, and what it does next, once stability sets its steps; `None` if it does not.
+fn limited(simulation: &mut Simulation, explicit: Method) -> Option<(Measured, Measured)> {
+    let (start, span) = (simulation.start.clone(), simulation.t_end - simulation.start.t);
+    // The first steps are short and follow fast motions that die out: only those after them count.
+    let mut settled = advance(simulation, explicit, &start, STEPS / 2)?;
+    for _ in 0..LOOKS {
+        let measured = advance(simulation, explicit, &settled.end, STEPS / 2)?;
+        let whole = span / measured.speed();
+        if !measured.complete || whole < ENOUGH {
+            return None;
+        }
+        // Steps that the tolerance sets would grow by 1.8 (order 8) or 2.5 (order 5).
+        let tolerances = simulation.tolerances;
+        (simulation.tolerances.rtol, simulation.tolerances.atol) =
+            (LOOSER * tolerances.rtol, LOOSER * tolerances.atol);
+        let loose = advance(simulation, explicit, &settled.end, STEPS / 2);
+        simulation.tolerances = tolerances;
+        let loose = loose?;
+        if (loose.end.t - loose.begin) / loose.steps
+            <= 1.4 * (measured.end.t - measured.begin) / measured.steps
+        {
+            return Some((settled, measured));
+        }
+        // A fast motion may still be dying out: where the run is long beside the look, it is worth another.
+        if whole < WORTH * ENOUGH {
+            return None;
+        }
+        settled = measured;
+    }
+    None
 }
 
 struct Measured {
