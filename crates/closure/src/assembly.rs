@@ -60,7 +60,9 @@ impl<T: Real> ClosedDynamics<T> {
         self.set_position(q, conditions)?;
         let before = self.set_rates(v, conditions);
         let active = conditions.prescribed.map(|p| p.active);
-        self.factors.update(&self.structure, &self.layout, &self.frames, active, Regard::Error)?;
+        self.check_passive(active)?;
+        let trees = (&self.layout, &self.tree);
+        self.factors.update(&self.structure, trees, &self.frames, active, Regard::Error)?;
         self.solution.clear();
         for l in &self.structure.loops {
             for (i, row) in l.rows.clone().enumerate() {
@@ -86,7 +88,7 @@ impl<T: Real> ClosedDynamics<T> {
     /// δ of the right-hand side that is set.
     fn increment(&mut self) {
         let load = Load { tau: None, prescribed: None, ground: Vec3::zero() };
-        self.solution.run(&self.structure, &self.layout, &self.frames, &self.factors, &load, &mut self.step);
+        self.solution.run(&self.structure, &self.tree, &self.frames, &self.factors, &load, &mut self.step);
     }
     /// Sets the right-hand side −Φ.
     fn oppose_residual(&mut self) {
@@ -140,6 +142,7 @@ impl<T: Real> ClosedDynamics<T> {
     ) -> Result<PositionProjection, ClosureError> {
         self.set_position(q, conditions)?;
         let active = conditions.prescribed.map(|p| p.active);
+        self.check_passive(active)?;
         let before = largest(&self.frames.residual);
         let mut last = f64::INFINITY;
         for iterations in 0..=MOST_PROJECTIONS {
@@ -152,7 +155,8 @@ impl<T: Real> ClosedDynamics<T> {
             if iterations == MOST_PROJECTIONS {
                 break;
             }
-            self.factors.update(&self.structure, &self.layout, &self.frames, active, Regard::Projection)?;
+            let trees = (&self.layout, &self.tree);
+            self.factors.update(&self.structure, trees, &self.frames, active, Regard::Projection)?;
             self.oppose_residual();
             self.increment();
             self.advance(q);
@@ -181,6 +185,7 @@ impl<T: Real> ClosedDynamics<T> {
     ) -> Result<PositionProjection, ClosureError> {
         self.set_position(q, conditions)?;
         let active = conditions.prescribed.map(|p| p.active);
+        self.check_passive(active)?;
         let before = largest(&self.frames.residual);
         let (mut square, mut open) = self.openness();
         let mut last = f64::INFINITY;
@@ -194,7 +199,8 @@ impl<T: Real> ClosedDynamics<T> {
                 return Err(self.not_closed(trial));
             }
             let slack = Regard::Slack(T::splat(mu.sqrt()));
-            self.factors.update(&self.structure, &self.layout, &self.frames, active, slack)?;
+            let trees = (&self.layout, &self.tree);
+            self.factors.update(&self.structure, trees, &self.frames, active, slack)?;
             self.oppose_residual();
             self.increment();
             self.origin.copy_from_slice(q);

@@ -15,17 +15,20 @@
 //! there C_r = 0, and the loop is solved for part of the residuals: Q₁*ξ = X₁α + ζ₁ + R^−*g. Their cost, ½|X₁α + …|², is all
 //! that remains of the loop above: P += X₁*X₁. X₁ is bounded however singular R is.
 //!
-//! One joint of r degrees of freedom is eliminated one after the other, as r hinges in one place.
+//! One joint of r degrees of freedom is eliminated one after the other, as r hinges in one place; so are the modes of a flexible
+//! body (`modes.rs`).
 
 use crate::frames::Frames;
 use crate::number::{Arithmetic, larger, size, transform, wrench};
 use crate::reflections::{Panel, Record};
 use crate::structure::{Operation, Structure};
+use crate::tree::{Joint, Tree};
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{DynamicsError, Layout};
 use phipsi_spatial::{ArticulatedInertia, Kernel, Real, RigidInertia, Scalar, Wrench};
 
 mod joint;
+mod modes;
 
 /// A row that was found to be implied by others.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,8 +69,11 @@ pub(crate) struct Factors<T: Scalar> {
     /// Ξ and U's diagonal of every degree of freedom; U = 0 where it is prescribed.
     pub(crate) xi: Vec<Wrench<Arithmetic<T>>>,
     pub(crate) roots: Vec<Arithmetic<T>>,
-    /// C_r at every joint that a strand passes.
+    /// C_r at every joint that a strand passes, and its columns on the modes that it passes.
     pub(crate) kept: Vec<Wrench<Arithmetic<T>>>,
+    pub(crate) kept_modes: Vec<Arithmetic<T>>,
+    /// Modes of flexible bodies.
+    pub(crate) modes: Vec<modes::Modes<Arithmetic<T>>>,
     /// C and C_r where the sweep is.
     c: Vec<Wrench<Arithmetic<T>>>,
     rigid: Vec<Wrench<Arithmetic<T>>>,
@@ -110,11 +116,13 @@ pub(crate) enum Regard<T> {
 }
 
 impl<T: Real> Factors<T> {
-    pub(crate) fn new(structure: &Structure<T>, layout: &Layout<T>) -> Self {
+    pub(crate) fn new(structure: &Structure<T>, layout: &Layout<T>, tree: &Tree<T>) -> Self {
         let zero = Wrench::zero();
         let empty = Done { rows: 0, rank: 0, steps: 0, left: 0, scale: Arithmetic::<T>::splat(1.0) };
         Factors {
-            inertia: vec![ArticulatedInertia::zero(); layout.len()],
+            inertia: vec![ArticulatedInertia::zero(); tree.len()],
+            kept_modes: vec![Arithmetic::<T>::splat(0.0); structure.kept_modes],
+            modes: layout.held_bodies().iter().map(|held| modes::Modes::new(held.modes())).collect(),
             xi: vec![zero; layout.nv()],
             roots: vec![Arithmetic::<T>::splat(0.0); layout.nv()],
             kept: vec![zero; structure.kept],
@@ -143,18 +151,18 @@ impl<T: Real> Factors<T> {
     pub(crate) fn update(
         &mut self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        (layout, tree): (&Layout<T>, &Tree<T>),
         frames: &Frames<T>,
         active: Option<&[bool]>,
         regard: Regard<T>,
     ) -> Result<(), DynamicsError> {
-        Arithmetic::<T>::dispatch(Update { factors: self, structure, layout, frames, active, regard })
+        Arithmetic::<T>::dispatch(Update { factors: self, structure, layout, tree, frames, active, regard })
     }
     #[inline(always)]
     fn sweep(
         &mut self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        (layout, tree): (&Layout<T>, &Tree<T>),
         frames: &Frames<T>,
         active: Option<&[bool]>,
         regard: Regard<T>,
@@ -162,8 +170,11 @@ impl<T: Real> Factors<T> {
         for (i, passive) in self.passive.iter_mut().enumerate() {
             *passive = active.is_none_or(|active| !active[i]);
         }
-        for (P, body) in self.inertia.iter_mut().zip(layout.bodies()) {
-            *P = RigidInertia::constant(&body.inertia).to_articulated();
+        for (P, body) in self.inertia.iter_mut().zip(&tree.bodies) {
+            *P = match body.joint {
+                Joint::Modes(i) => self.modes[i].begin(&frames.held[i]),
+                _ => RigidInertia::constant(&body.inertia).to_articulated(),
+            };
         }
         self.squares.fill(Arithmetic::<T>::splat(0.0));
         // Couplings begin with nothing.
@@ -174,7 +185,7 @@ impl<T: Real> Factors<T> {
         self.rank = Rank { rank: 0, smallest: f64::INFINITY, gap: f64::INFINITY };
         self.error = frames.errors.iter().fold(self.data_error, |most: f64, e| most.max(*e));
         // The ground comes last.
-        let ground = layout.len();
+        let ground = tree.len();
         for k in (0..ground).rev().chain([ground]) {
             self.begin(structure, frames, k);
             for operation in structure.stations[k].closes.clone() {
@@ -183,12 +194,15 @@ impl<T: Real> Factors<T> {
             if k == ground {
                 break;
             }
-            let P = self.join(structure, layout, k)?;
-            let parent = layout.bodies()[k].parent;
+            let P = self.join(structure, (layout, tree), frames, k)?;
+            let body = &tree.bodies[k];
             self.shift(structure, frames, k);
-            if parent != GROUND {
+            if body.parent != GROUND {
                 let shifted = transform(&frames.poses[k]).articulated_to_parent(&P);
-                self.inertia[parent] = self.inertia[parent] + shifted;
+                self.inertia[body.parent] = self.inertia[body.parent] + shifted;
+                if let (Some((i, _)), Some(first)) = (body.on, structure.attached[k]) {
+                    self.modes[i].add(&frames.screws[first..], &shifted);
+                }
             }
         }
         Ok(())
@@ -440,6 +454,7 @@ struct Update<'a, T: Real> {
     factors: &'a mut Factors<T>,
     structure: &'a Structure<T>,
     layout: &'a Layout<T>,
+    tree: &'a Tree<T>,
     frames: &'a Frames<T>,
     active: Option<&'a [bool]>,
     regard: Regard<T>,
@@ -449,6 +464,6 @@ impl<T: Real> Kernel for Update<'_, T> {
     type Output = Result<(), DynamicsError>;
     #[inline(always)]
     fn run(self) -> Self::Output {
-        self.factors.sweep(self.structure, self.layout, self.frames, self.active, self.regard)
+        self.factors.sweep(self.structure, (self.layout, self.tree), self.frames, self.active, self.regard)
     }
 }

@@ -23,6 +23,7 @@ mod reflections;
 mod rows;
 mod solution;
 mod structure;
+mod tree;
 
 pub use assembly::{PositionProjection, VelocityProjection};
 pub use closed_dynamics::{ClosedDynamics, ClosedInfo, ClosureMotion, Conditions, Prescribed, Solved};

@@ -14,12 +14,13 @@
 
 use crate::factors::{Done, Factors};
 use crate::frames::{Frames, weight};
-use crate::number::{Arithmetic, larger, size, transform};
+use crate::number::{Arithmetic, larger, motion, size, transform};
 use crate::structure::{Operation, Structure};
-use phipsi_recursion::Layout;
+use crate::tree::{Joint, Tree};
 use phipsi_recursion::layout::GROUND;
 use phipsi_spatial::{Kernel, Motion, Real, Scalar, Vec3, Wrench};
 
+mod modes;
 mod multipliers;
 
 /// A redundant row whose right-hand side is not what the others imply.
@@ -39,6 +40,9 @@ pub(crate) struct Solution<T: Scalar> {
     /// Bias forces and bias accelerations of the bodies: input.
     pub(crate) z: Vec<Wrench<Arithmetic<T>>>,
     pub(crate) a: Vec<Motion<Arithmetic<T>>>,
+    /// Bias forces of all modes: input.
+    pub(crate) z_modes: Vec<Arithmetic<T>>,
+    first_mode: usize,
     /// Right-hand sides of the rows: input; and the size of their terms.
     pub(crate) g: Vec<Arithmetic<T>>,
     pub(crate) sizes: Vec<Arithmetic<T>>,
@@ -74,12 +78,16 @@ pub(crate) struct Load<'a, S> {
 }
 
 impl<T: Real> Solution<T> {
-    pub(crate) fn new(structure: &Structure<T>, layout: &Layout<T>) -> Self {
+    pub(crate) fn new(structure: &Structure<T>, layout: &phipsi_recursion::Layout<T>, tree: &Tree<T>) -> Self {
+        let modes = |k: usize| tree.modes(k).map_or(0, |_| tree.bodies[k].nv);
+        let modes: usize = (0..tree.len()).map(modes).sum();
         let o = Arithmetic::<T>::splat(0.0);
         let most = structure.operations.iter().fold(0, |most, operation| most.max(operation.most));
         Solution {
-            z: vec![Wrench::zero(); layout.len()],
-            a: vec![Motion::zero(); layout.len()],
+            z: vec![Wrench::zero(); tree.len()],
+            a: vec![Motion::zero(); tree.len()],
+            z_modes: vec![o; modes],
+            first_mode: layout.nv() - modes,
             g: vec![o; structure.rows],
             sizes: vec![o; structure.rows],
             s: vec![o; layout.nv()],
@@ -89,7 +97,7 @@ impl<T: Real> Solution<T> {
             lost: vec![o; structure.rows],
             stack: vec![o; most],
             x: vec![o; most],
-            alpha: vec![Motion::zero(); layout.len()],
+            alpha: vec![Motion::zero(); tree.len()],
             lambda: vec![o; structure.rows],
             direction: vec![o; structure.rows],
             gradient: vec![o; structure.rows],
@@ -102,6 +110,7 @@ impl<T: Real> Solution<T> {
     pub(crate) fn clear(&mut self) {
         self.z.fill(Wrench::zero());
         self.a.fill(Motion::zero());
+        self.z_modes.fill(Arithmetic::<T>::splat(0.0));
         self.g.fill(Arithmetic::<T>::splat(0.0));
         self.sizes.fill(Arithmetic::<T>::splat(0.0));
     }
@@ -110,20 +119,20 @@ impl<T: Real> Solution<T> {
     pub(crate) fn run(
         &mut self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        tree: &Tree<T>,
         frames: &Frames<T>,
         factors: &Factors<T>,
         load: &Load<'_, Arithmetic<T>>,
         out: &mut [T],
     ) {
         let out = T::arithmetic_mut(out);
-        Arithmetic::<T>::dispatch(Run { solution: self, structure, layout, frames, factors, load, out });
+        Arithmetic::<T>::dispatch(Run { solution: self, structure, tree, frames, factors, load, out });
     }
     #[inline(always)]
     fn sweep(
         &mut self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        tree: &Tree<T>,
         frames: &Frames<T>,
         factors: &Factors<T>,
         load: &Load<'_, Arithmetic<T>>,
@@ -133,7 +142,7 @@ impl<T: Real> Solution<T> {
             *term = larger(*term, size(*g));
         }
         // The ground comes last inward, and first outward.
-        let ground = layout.len();
+        let ground = tree.len();
         for k in (0..ground).rev().chain([ground]) {
             for index in structure.stations[k].closes.clone() {
                 self.close(structure, factors, index, k);
@@ -141,11 +150,21 @@ impl<T: Real> Solution<T> {
             if k == ground {
                 break;
             }
-            self.filter(structure, layout, factors, load, k);
-            let parent = layout.bodies()[k].parent;
-            if parent != GROUND {
+            let body = &tree.bodies[k];
+            match body.joint {
+                Joint::Modes(i) => self.filter_modes(structure, factors, load, k, (i, body.v, body.nv)),
+                _ => self.filter(structure, tree, factors, load, k),
+            }
+            if body.parent != GROUND {
                 let z = transform(&frames.poses[k]).wrench_to_parent(self.z[k]);
-                self.z[parent] += z;
+                self.z[body.parent] += z;
+                if let Some(first) = structure.attached[k] {
+                    let flexible = &tree.bodies[body.parent];
+                    let modes = &mut self.z_modes[flexible.v - self.first_mode..][..flexible.nv];
+                    for (sum, screw) in modes.iter_mut().zip(&frames.screws[first..]) {
+                        *sum += motion(*screw).dot(z);
+                    }
+                }
             }
         }
         self.largest = Arithmetic::<T>::splat(0.0);
@@ -153,10 +172,22 @@ impl<T: Real> Solution<T> {
         for k in [ground].into_iter().chain(0..ground) {
             let mut alpha = at_ground;
             if k < ground {
-                let parent = layout.bodies()[k].parent;
-                let inboard = if parent == GROUND { at_ground } else { self.alpha[parent] };
+                let body = &tree.bodies[k];
+                let mut inboard = if body.parent == GROUND { at_ground } else { self.alpha[body.parent] };
+                if let Some(first) = structure.attached[k] {
+                    let flexible = &tree.bodies[body.parent];
+                    let rates = &out[flexible.v..flexible.v + flexible.nv];
+                    for (screw, x) in frames.screws[first..].iter().zip(rates) {
+                        inboard += motion(*screw).scale(*x);
+                    }
+                }
                 let inboard = transform(&frames.poses[k]).motion_to_child(inboard);
-                self.smooth(structure, layout, factors, load, k, inboard, out);
+                match body.joint {
+                    Joint::Modes(i) => {
+                        self.smooth_modes(structure, factors, k, (i, body.v, body.nv), inboard, out);
+                    }
+                    _ => self.smooth(structure, tree, factors, load, k, inboard, out),
+                }
                 alpha = self.alpha[k];
             }
             for index in structure.stations[k].closes.clone().rev() {
@@ -252,17 +283,20 @@ impl<T: Real> Solution<T> {
     fn filter(
         &mut self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        tree: &Tree<T>,
         factors: &Factors<T>,
         load: &Load<'_, Arithmetic<T>>,
         k: usize,
     ) {
-        let (body, station) = (&layout.bodies()[k], &structure.stations[k]);
+        let (body, station) = (&tree.bodies[k], &structure.stations[k]);
         let o = Arithmetic::<T>::splat(0.0);
+        let hinge = body.hinge();
         let prescribed = |i: usize| load.prescribed.map_or(o, |a| a[body.v + i]);
         let is_active = |i: usize| factors.roots[body.v + i] == o;
-        for i in (0..body.hinge.nv()).filter(|&i| is_active(i)) {
-            body.hinge.add_axis(i, prescribed(i), &mut self.a[k]);
+        for i in (0..body.nv).filter(|&i| is_active(i)) {
+            if let Some(hinge) = hinge {
+                hinge.add_axis(i, prescribed(i), &mut self.a[k]);
+            }
             for entry in station.entries.iter().filter(|e| e.component == i) {
                 let l = &structure.loops[entry.of];
                 let term = (entry.coefficient * weight(structure, l, 0)).to_arithmetic() * prescribed(i);
@@ -290,12 +324,10 @@ impl<T: Real> Solution<T> {
             None => 0,
         };
         let mut passed = 0;
-        for i in 0..body.hinge.nv() {
-            if is_active(i) {
-                continue;
-            }
+        for i in 0..body.nv {
+            let Some(hinge) = hinge.filter(|_| !is_active(i)) else { continue };
             let tau = load.tau.map_or(o, |tau| tau[body.v + i]);
-            let s = (tau - body.hinge.project(i, &self.z[k])) / factors.roots[body.v + i];
+            let s = (tau - hinge.project(i, &self.z[k])) / factors.roots[body.v + i];
             self.z[k] = factors.xi[body.v + i].scale_add(s, self.z[k]);
             self.s[body.v + i] = s;
             if station.join.is_some() {
@@ -334,29 +366,32 @@ impl<T: Real> Solution<T> {
         }
         row
     }
+    /// Gives η of what leaves body k back to the blocks that its join took; returns the row of its own residuals on the stack.
+    #[inline(always)]
+    fn part(&mut self, structure: &Structure<T>, factors: &Factors<T>, k: usize) -> usize {
+        let Some(index) = structure.stations[k].join else { return 0 };
+        let (operation, done) = (&structure.operations[index], &factors.done[index]);
+        let output = operation.output.map_or(0, |b| structure.blocks[b].row);
+        self.x[..done.left].copy_from_slice(&self.eta[output..output + done.left]);
+        self.scatter(structure, factors, operation, done, done.left)
+    }
     /// The smoother at the joint of body k, whose parent gives it α⁺.
     #[allow(clippy::too_many_arguments)]
     #[inline(always)]
     fn smooth(
         &mut self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        tree: &Tree<T>,
         factors: &Factors<T>,
         load: &Load<'_, Arithmetic<T>>,
         k: usize,
         mut alpha: Motion<Arithmetic<T>>,
         out: &mut [Arithmetic<T>],
     ) {
-        let body = &layout.bodies()[k];
+        let body = &tree.bodies[k];
         let o = Arithmetic::<T>::splat(0.0);
-        let mut xi_row = 0;
-        if let Some(index) = structure.stations[k].join {
-            let (operation, done) = (&structure.operations[index], &factors.done[index]);
-            let output = operation.output.map_or(0, |b| structure.blocks[b].row);
-            self.x[..done.left].copy_from_slice(&self.eta[output..output + done.left]);
-            xi_row = self.scatter(structure, factors, operation, done, done.left);
-        }
-        let nv = body.hinge.nv();
+        let xi_row = self.part(structure, factors, k);
+        let nv = body.nv;
         let mut passed = (0..nv).filter(|&i| factors.roots[body.v + i] != o).count();
         let joined = structure.stations[k].join.is_some();
         for i in (0..nv).rev() {
@@ -368,7 +403,9 @@ impl<T: Real> Solution<T> {
             passed -= 1;
             let xi = if joined { self.stack[xi_row + passed] } else { o };
             out[at] = (xi - alpha.dot(factors.xi[at]) + self.s[at]) / factors.roots[at];
-            body.hinge.add_axis(i, out[at], &mut alpha);
+            if let Some(hinge) = body.hinge() {
+                hinge.add_axis(i, out[at], &mut alpha);
+            }
         }
         self.alpha[k] = alpha + self.a[k];
     }
@@ -437,7 +474,7 @@ impl<T: Real> Solution<T> {
 struct Run<'a, T: Real> {
     solution: &'a mut Solution<T>,
     structure: &'a Structure<T>,
-    layout: &'a Layout<T>,
+    tree: &'a Tree<T>,
     frames: &'a Frames<T>,
     factors: &'a Factors<T>,
     load: &'a Load<'a, Arithmetic<T>>,
@@ -448,8 +485,8 @@ impl<T: Real> Kernel for Run<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run(self) {
-        let Run { solution, structure, layout, frames, factors, load, out } = self;
-        solution.sweep(structure, layout, frames, factors, load, out);
+        let Run { solution, structure, tree, frames, factors, load, out } = self;
+        solution.sweep(structure, tree, frames, factors, load, out);
     }
 }
 

@@ -10,6 +10,7 @@
 //! | join | appends a joint's rows to the blocks of its body: one block that goes up to the parent |
 
 use crate::error::ClosureError;
+use crate::tree::Tree;
 use phipsi_model::{ClosureKind, Model};
 use phipsi_recursion::Layout;
 use phipsi_recursion::layout::GROUND;
@@ -60,6 +61,8 @@ pub(crate) struct Loop<T> {
     pub(crate) ancestor: usize,
     /// The strands of its ends A and B, where they have one.
     pub(crate) strands: [Option<usize>; 2],
+    /// First of the n places of Π of its ends A and B, where they are on a flexible body.
+    pub(crate) attached: [Option<usize>; 2],
 }
 
 /// Rows of a loop as they pass one joint of a strand.
@@ -73,6 +76,10 @@ pub(crate) struct Passing {
     pub(crate) column: usize,
     /// The parent is the ancestor: nothing of C goes there.
     pub(crate) last: bool,
+    /// Of modes: first of the n places of Π of what the strand comes from, and of the m·n places where its rows on the modes
+    /// are kept.
+    pub(crate) attached: usize,
+    pub(crate) kept_modes: usize,
 }
 
 /// The way of a loop from one end to its ancestor.
@@ -167,6 +174,11 @@ pub(crate) struct Structure<T> {
     pub(crate) strands: Vec<Strand>,
     /// Bodies of all strands.
     pub(crate) paths: Vec<usize>,
+    /// Of a body on modes: first of its n places of Π.
+    pub(crate) attached: Vec<Option<usize>>,
+    /// Lengths of the arrays of all Π, and of all rows on modes.
+    pub(crate) screws: usize,
+    pub(crate) kept_modes: usize,
     /// One per body, then the ground.
     pub(crate) stations: Vec<Station<T>>,
     pub(crate) blocks: Vec<Block>,
@@ -192,13 +204,16 @@ pub(crate) struct Structure<T> {
 }
 
 impl<T: Real> Structure<T> {
-    /// Finds the loops of a model whose tree is `layout`.
-    pub(crate) fn new(model: &Model, layout: &Layout<T>) -> Result<Self, ClosureError> {
+    /// Finds the loops of a model whose tree is `layout`, or `tree`.
+    pub(crate) fn new(model: &Model, layout: &Layout<T>, tree: &Tree<T>) -> Result<Self, ClosureError> {
         let mut structure = Structure {
-            loops: loops(model, layout)?,
+            loops: loops(model, layout, tree)?,
             strands: Vec::new(),
             paths: Vec::new(),
-            stations: vec![Station::empty(); layout.len() + 1],
+            attached: Vec::with_capacity(tree.len()),
+            screws: 0,
+            kept_modes: 0,
+            stations: vec![Station::empty(); tree.len() + 1],
             blocks: Vec::new(),
             operations: Vec::new(),
             closings: Vec::new(),
@@ -211,22 +226,40 @@ impl<T: Real> Structure<T> {
             operation_numbers: 0,
             operation_steps: 0,
             depth: 0,
-            length: scene_length(model, layout),
+            length: scene_length(model, tree),
             nesting: 0,
         };
         structure.rows = structure.loops.last().map_or(0, |l| l.rows.end);
-        let depths = depths(layout);
+        let depths = depths(tree);
         structure.depth = depths.iter().fold(0, |most, d| most.max(*d));
-        structure.open(layout, &depths);
-        structure.eliminate(layout);
+        structure.attach(tree);
+        structure.open(layout, tree, &depths);
+        structure.eliminate(tree);
         Ok(structure)
     }
+    /// Places of Π of all that is on flexible bodies.
+    fn attach(&mut self, tree: &Tree<T>) {
+        let mut screws = 0;
+        let mut place = |modes: usize| {
+            screws += modes;
+            screws - modes
+        };
+        for body in &tree.bodies {
+            self.attached.push(body.on.map(|_| place(tree.bodies[body.parent].nv)));
+        }
+        for l in &mut self.loops {
+            let LoopKind::Frames { a, b, .. } = l.kind else { continue };
+            let on = |end: End<T>| tree.modes(end.body).map(|_| tree.bodies[end.body].nv);
+            l.attached = [on(a), on(b)].map(|modes| modes.map(&mut place));
+        }
+        self.screws = screws;
+    }
     /// Finds the ancestor of every loop and lays its strands.
-    fn open(&mut self, layout: &Layout<T>, depths: &[usize]) {
-        let bodies = layout.bodies();
+    fn open(&mut self, layout: &Layout<T>, tree: &Tree<T>, depths: &[usize]) {
+        let bodies = &tree.bodies;
         let mut carrier = vec![GROUND; layout.nv()];
         for (k, body) in bodies.iter().enumerate() {
-            carrier[body.v..body.v + body.hinge.nv()].fill(k);
+            carrier[body.v..body.v + body.nv].fill(k);
         }
         for of in 0..self.loops.len() {
             let m = self.loops[of].rows.len();
@@ -236,7 +269,7 @@ impl<T: Real> Structure<T> {
             };
             // A coupling opens at its joints: its branches meet above them.
             let tops = if gear { ends.map(|k| bodies[k].parent) } else { ends };
-            let ancestor = common_ancestor(layout, depths, tops);
+            let ancestor = common_ancestor(tree, depths, tops);
             self.loops[of].ancestor = ancestor;
             let depth = |k: usize| if k == GROUND { 0 } else { depths[k] };
             // Of two joints on one path the outer one comes first: its strand passes the other.
@@ -245,7 +278,7 @@ impl<T: Real> Structure<T> {
                 let start = ends[side];
                 if start == ancestor
                     || start == GROUND
-                    || self.stations[start].passes.iter().any(|p| p.of == of)
+                    || (gear && self.stations[start].passes.iter().any(|p| p.of == of))
                 {
                     continue;
                 }
@@ -257,10 +290,25 @@ impl<T: Real> Structure<T> {
                     self.stations[start].begins.push(strand);
                 }
                 let mut k = start;
+                let mut attached = self.loops[of].attached[side];
                 while k != ancestor {
                     let last = bodies[k].parent == ancestor;
-                    self.stations[k].passes.push(Passing { of, strand, kept: self.kept, column: 0, last });
+                    let (kept, kept_modes) = (self.kept, self.kept_modes);
+                    let from = attached.unwrap_or(0);
+                    self.stations[k].passes.push(Passing {
+                        of,
+                        strand,
+                        kept,
+                        column: 0,
+                        last,
+                        attached: from,
+                        kept_modes,
+                    });
                     self.kept += m;
+                    if tree.modes(k).is_some() {
+                        self.kept_modes += m * bodies[k].nv;
+                    }
+                    attached = self.attached[k];
                     self.paths.push(k);
                     self.strands[strand].bodies += 1;
                     k = bodies[k].parent;
@@ -276,15 +324,15 @@ impl<T: Real> Structure<T> {
         }
     }
     /// Lays out blocks and operations, tip to base.
-    fn eliminate(&mut self, layout: &Layout<T>) {
-        let n = layout.len();
+    fn eliminate(&mut self, tree: &Tree<T>) {
+        let n = tree.len();
         let mut closing: Vec<Vec<usize>> = vec![Vec::new(); n + 1];
         for (of, l) in self.loops.iter().enumerate() {
             closing[l.ancestor.min(n)].push(of);
         }
         for k in (0..n).rev() {
             self.close_all(k, &closing[k]);
-            self.join(k, layout.bodies()[k].hinge.nv(), layout.bodies()[k].parent.min(n));
+            self.join(k, tree.bodies[k].nv, tree.bodies[k].parent.min(n));
         }
         self.close_all(n, &closing[n]);
     }
@@ -297,6 +345,11 @@ impl<T: Real> Structure<T> {
         let mut width = 0;
         for i in 0..self.stations[k].passes.len() {
             let of = self.stations[k].passes[i].of;
+            // Both strands of a loop that meet on a flexible body pass its modes.
+            if let Some(&(_, column)) = columns.iter().find(|(o, _)| *o == of) {
+                self.stations[k].passes[i].column = column;
+                continue;
+            }
             self.stations[k].passes[i].column = width;
             columns.push((of, width));
             width += self.loops[of].rows.len();

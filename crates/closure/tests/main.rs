@@ -2,5 +2,6 @@
 
 mod against_reference;
 mod allocation;
+mod flexible;
 mod identities;
 mod mechanisms;

@@ -4,7 +4,8 @@
 //! |---|---|
 //! | `batch` | array-likes as states, broadcasting, the loop over states |
 //! | `model`, `dynamics`, `derivatives`, `hybrid`, `freeflight`, `kinematics`, `jacobians`, `velocities` | methods of the class `Model` |
-//! | `operators` | `phipsi.operators`: the classes `Operators` and `Operator` |
+//! | `operators`, `estimation` | `phipsi.operators`: the classes `Operators` and `Operator` |
+//! | `flexible` | the class `FlexibleBody`, and methods of the class `Model` about modes |
 //! | `closure` | methods of the class `Model` about loops |
 //! | `molecule` | methods of the class `System`: energies and forces of molecules |
 //! | `torsion_model`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
@@ -17,6 +18,8 @@ mod clustering;
 mod derivatives;
 mod dynamics;
 mod errors;
+mod estimation;
+mod flexible;
 mod freeflight;
 mod hybrid;
 mod jacobians;
@@ -42,6 +45,10 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<operators::Operators>()?;
     m.add_class::<operators::Operator>()?;
     m.add_function(wrap_pyfunction!(operators::operators, m)?)?;
+    m.add_class::<estimation::Filtered>()?;
+    m.add_class::<estimation::Smoothed>()?;
+    m.add_class::<estimation::FieldSamples>()?;
+    m.add_class::<flexible::FlexibleBody>()?;
     m.add_class::<molecule::System>()?;
     m.add_class::<torsion_model::TorsionModel>()?;
     m.add_class::<torsion_model::Minimum>()?;

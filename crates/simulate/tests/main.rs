@@ -1,6 +1,7 @@
 //! Scenes, runs, reports.
 
 mod benchmarks;
+mod elements;
 mod loops;
 mod molecule;
 mod mutation;

@@ -7,23 +7,25 @@
 //! | w | D^−½(HC* + E), row of the loops on the residual | m |
 
 use super::{Done, Factors};
-use crate::frames::weight;
+use crate::frames::{Frames, weight};
 use crate::number::Arithmetic;
 use crate::structure::Structure;
+use crate::tree::{Joint, Tree};
 use phipsi_recursion::hinge::Hinge;
 use phipsi_recursion::{DynamicsError, Layout};
 use phipsi_spatial::{ArticulatedInertia, Real, Scalar, Wrench};
 
 impl<T: Real> Factors<T> {
-    /// Eliminates the joint of a body; returns what it lets through.
+    /// Eliminates the joint of a body, or modes; returns what it lets through.
     #[inline(always)]
     pub(super) fn join(
         &mut self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        (layout, tree): (&Layout<T>, &Tree<T>),
+        frames: &Frames<T>,
         k: usize,
     ) -> Result<ArticulatedInertia<Arithmetic<T>>, DynamicsError> {
-        let (body, station) = (&layout.bodies()[k], &structure.stations[k]);
+        let (body, station) = (&tree.bodies[k], &structure.stations[k]);
         for passing in &station.passes {
             let strand = structure.strands[passing.strand];
             let m = structure.loops[passing.of].rows.len();
@@ -36,27 +38,36 @@ impl<T: Real> Factors<T> {
         };
         let mut P = self.inertia[k];
         let mut passed = 0;
-        for i in 0..body.hinge.nv() {
-            if !self.passive[body.v + i] {
-                (self.xi[body.v + i], self.roots[body.v + i]) = (Wrench::zero(), Arithmetic::<T>::splat(0.0));
-                continue;
+        match &body.joint {
+            Joint::Fixed => {}
+            Joint::Modes(i) => {
+                let singular = self.eliminate_modes(structure, frames, k, (*i, body.v), &mut P, rows);
+                singular.map_err(|(l, D)| singular_at(layout, body.v + l, D))?;
+                rows += body.nv;
             }
-            passed += 1;
-            let column = joint_column(&P, &body.hinge, i);
-            let D = body.hinge.project(i, &column);
-            if !D.is_positive() {
-                let (joint, component) = layout.joint_of_velocity(body.v + i);
-                let (joint, inertia) = (joint.to_string(), D.min_lane());
-                return Err(DynamicsError::SingularHinge { joint, component, inertia });
-            }
-            let root = D.sqrt();
-            let inverse = root.recip();
-            let xi = column.scale(inverse);
-            P.subtract_outer(xi, xi);
-            (self.xi[body.v + i], self.roots[body.v + i]) = (xi, root);
-            if let Some(index) = station.join {
-                self.append(structure, index, k, i, &body.hinge, xi, inverse, rows);
-                rows += 1;
+            Joint::Hinge(hinge) => {
+                for i in 0..body.nv {
+                    if !self.passive[body.v + i] {
+                        (self.xi[body.v + i], self.roots[body.v + i]) =
+                            (Wrench::zero(), Arithmetic::<T>::splat(0.0));
+                        continue;
+                    }
+                    passed += 1;
+                    let column = joint_column(&P, hinge, i);
+                    let D = hinge.project(i, &column);
+                    if !D.is_positive() {
+                        return Err(singular_at(layout, body.v + i, D.min_lane()));
+                    }
+                    let root = D.sqrt();
+                    let inverse = root.recip();
+                    let xi = column.scale(inverse);
+                    P.subtract_outer(xi, xi);
+                    (self.xi[body.v + i], self.roots[body.v + i]) = (xi, root);
+                    if let Some(index) = station.join {
+                        self.append(structure, index, k, i, hinge, xi, inverse, rows);
+                        rows += 1;
+                    }
+                }
             }
         }
         let free = passed == 6;
@@ -130,6 +141,12 @@ impl<T: Real> Factors<T> {
             self.matrix[operation.number + (operation.others + j) * lead + row] = x;
         }
     }
+}
+
+/// The error of a degree of freedom whose pivot failed.
+fn singular_at<T: Real>(layout: &Layout<T>, i: usize, inertia: f64) -> DynamicsError {
+    let (joint, component) = layout.joint_of_velocity(i);
+    DynamicsError::SingularHinge { joint: joint.to_string(), component, inertia }
 }
 
 /// P H*: a column of P, but for helical joints.

@@ -13,7 +13,7 @@ use crate::factors::Factors;
 use crate::frames::weight;
 use crate::number::Arithmetic;
 use crate::structure::{LoopKind, Structure};
-use phipsi_recursion::Layout;
+use crate::tree::{Joint, Tree};
 use phipsi_spatial::{Kernel, Real, Scalar, Wrench};
 
 impl<T: Real> Solution<T> {
@@ -154,31 +154,44 @@ impl<T: Real> Solution<T> {
     pub(crate) fn constraint_force(
         &self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        tree: &Tree<T>,
         factors: &Factors<T>,
         out: &mut [T],
     ) {
         let out = T::arithmetic_mut(out);
-        Arithmetic::<T>::dispatch(ConstraintForce { solution: self, structure, layout, factors, out });
+        Arithmetic::<T>::dispatch(ConstraintForce { solution: self, structure, tree, factors, out });
     }
     #[inline(always)]
     fn gather_force(
         &self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        tree: &Tree<T>,
         factors: &Factors<T>,
         out: &mut [Arithmetic<T>],
     ) {
-        for (k, body) in layout.bodies().iter().enumerate() {
+        for (k, body) in tree.bodies.iter().enumerate() {
             let station = &structure.stations[k];
+            if let Joint::Modes(_) = body.joint {
+                for l in 0..body.nv {
+                    let mut force = Arithmetic::<T>::splat(0.0);
+                    for passing in &station.passes {
+                        for (j, row) in structure.loops[passing.of].rows.clone().enumerate() {
+                            force += factors.kept_modes[passing.kept_modes + j * body.nv + l] * self.lambda[row];
+                        }
+                    }
+                    out[body.v + l] = force;
+                }
+                continue;
+            }
             let mut f = Wrench::zero();
             for passing in &station.passes {
                 for (i, row) in structure.loops[passing.of].rows.clone().enumerate() {
                     f = factors.kept[passing.kept + i].scale_add(self.lambda[row], f);
                 }
             }
-            for i in 0..body.hinge.nv() {
-                let mut force = body.hinge.project(i, &f);
+            let Some(hinge) = body.hinge() else { continue };
+            for i in 0..body.nv {
+                let mut force = hinge.project(i, &f);
                 for entry in station.entries.iter().filter(|e| e.component == i) {
                     let l = &structure.loops[entry.of];
                     let coefficient = (entry.coefficient * weight(structure, l, 0)).to_arithmetic();
@@ -220,7 +233,7 @@ impl<T: Real> Kernel for LeastNorm<'_, T> {
 struct ConstraintForce<'a, T: Real> {
     solution: &'a Solution<T>,
     structure: &'a Structure<T>,
-    layout: &'a Layout<T>,
+    tree: &'a Tree<T>,
     factors: &'a Factors<T>,
     out: &'a mut [Arithmetic<T>],
 }
@@ -229,7 +242,7 @@ impl<T: Real> Kernel for ConstraintForce<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run(self) {
-        self.solution.gather_force(self.structure, self.layout, self.factors, self.out);
+        self.solution.gather_force(self.structure, self.tree, self.factors, self.out);
     }
 }
 

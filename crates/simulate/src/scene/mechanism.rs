@@ -2,7 +2,7 @@
 
 use super::SceneFile;
 use super::closure;
-use super::flexible::read_flexible;
+use super::flexible::{Files, read_flexible};
 use super::molecule::MoleculeScene;
 use super::tree::{Table, Value, suggestion};
 use phipsi_formats::urdf::{Mimic, UrdfOptions, urdf_builder_file};
@@ -75,8 +75,9 @@ pub(crate) fn read(
     }
     builder = builder.base(options.base);
     let mut lines = HashMap::new();
-    for mut table in scene.tables("body", report) {
-        if let Some(body) = read_body(&mut table, report) {
+    for (index, mut table) in scene.tables("body", report).into_iter().enumerate() {
+        let mut found = Files { folder, read: &mut files, reports: &mut reports };
+        if let Some(body) = read_body(&mut table, index, &mut found, report) {
             lines.insert(format!("body `{}`", body.name), table.line);
             builder = builder.body(body);
         }
@@ -153,7 +154,12 @@ pub(crate) fn pose(table: &mut Table<'_>, key: &'static str, report: &mut Report
     Placement::from_xyz_rpy(xyz, rpy)
 }
 
-fn read_body(table: &mut Table<'_>, report: &mut Report) -> Option<Body> {
+fn read_body(
+    table: &mut Table<'_>,
+    index: usize,
+    files: &mut Files<'_>,
+    report: &mut Report,
+) -> Option<Body> {
     let name = table.required_text("name", report);
     if let Some(name) = name {
         table.place = format!("body `{name}`");
@@ -161,7 +167,7 @@ fn read_body(table: &mut Table<'_>, report: &mut Report) -> Option<Body> {
     let flexible = match table.table("flexible", report) {
         None => None,
         Some(mut flexible) => {
-            let body = read_flexible(&mut flexible, report);
+            let body = read_flexible(&mut flexible, (name.unwrap_or("body"), index), files, report);
             flexible.finish(report);
             if table.has("inertial") {
                 let remedy = "remove `inertial`; a payload is a body of its own on a fixed joint";
