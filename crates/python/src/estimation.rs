@@ -226,9 +226,9 @@ impl Operators {
             let (field, mut random) = (self.ops.random_field(), Random::new(seed));
             let mut sum = vec![0.0; nv * nv];
             for _ in 0..count {
-                let T = field.sample(&mut random).T;
+                let forces = field.sample(&mut random).T;
                 for (i, row) in sum.chunks_exact_mut(nv.max(1)).enumerate() {
-                    row.iter_mut().zip(&T).for_each(|(sum, t)| *sum += T[i] * t);
+                    row.iter_mut().zip(&forces).for_each(|(sum, t)| *sum += forces[i] * t);
                 }
             }
             sum.iter_mut().for_each(|x| *x /= count as f64);

@@ -87,7 +87,7 @@ impl FlexibleBody {
     /// Parameters
     /// ----------
     /// length : m. mass_per_length : kg/m. bending_stiffness : (2,), EI for displacement along y and along z, N·m².
-    /// bending, torsion, axial : numbers of modes; bending along y and along z.
+    /// bending, torsion, axial : numbers of modes; of bending (2,), along y and along z, (2, 2) where None.
     /// torsional_stiffness, polar_inertia, axial_stiffness : GJ, N·m²; ρI_p, kg·m; EA, N.
     /// modes : "interface" (for beams that carry something: two cubics in each plane besides), "clamped_free" or "pinned".
     /// stiffened : with the shortening by bending. damping : C = damping K, s. nodes : {name: x}, m. held_at : a node.
@@ -102,7 +102,7 @@ impl FlexibleBody {
     /// 8
     #[staticmethod]
     #[pyo3(signature = (
-        length, mass_per_length, bending_stiffness, bending = [2, 2], torsion = 0, axial = 0, torsional_stiffness = 0.0,
+        length, mass_per_length, bending_stiffness, bending = None, torsion = 0, axial = 0, torsional_stiffness = 0.0,
         polar_inertia = 0.0, axial_stiffness = 0.0, modes = "interface", stiffened = false, damping = 0.0, nodes = None,
         held_at = None
     ))]
@@ -112,7 +112,7 @@ impl FlexibleBody {
         length: f64,
         mass_per_length: f64,
         bending_stiffness: [f64; 2],
-        bending: [usize; 2],
+        bending: Option<[usize; 2]>,
         torsion: usize,
         axial: usize,
         torsional_stiffness: f64,
@@ -130,6 +130,7 @@ impl FlexibleBody {
             "pinned" => BeamModes::Pinned,
             other => return Err(choice_error(py, "modes", other, &["interface", "clamped_free", "pinned"])),
         };
+        let bending = bending.unwrap_or([2, 2]);
         for (name, count) in [("bending", bending[0].max(bending[1])), ("torsion", torsion), ("axial", axial)] {
             if count > 40 {
                 let message = format!("`{name}` is {count}, but at most 40 modes are allowed");

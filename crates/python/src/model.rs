@@ -170,7 +170,7 @@ impl Model {
     }
     /// What the reader used, approximated and ignored: a Report.
     #[getter]
-    fn report(&self, py: Python<'_>) -> Py<Report> {
+    pub fn report(&self, py: Python<'_>) -> Py<Report> {
         self.report.clone_ref(py)
     }
     /// The model's name.

@@ -197,6 +197,10 @@ fn what_is_wrong_is_said() {
     massless.mass = SymmetricMatrix::from_triangle(30, [(24, 24, 1.0)]).unwrap();
     let said = massless.reduce("beam").unwrap_err().to_string();
     assert!(said.contains("14 modes") && said.contains("mass for 0"), "{said}");
+    let mut short = beam_elements(4);
+    short.positions.pop();
+    let said = short.reduce("plate").unwrap_err().to_string();
+    assert!(said.contains("`plate`") && said.contains("30 rows") && said.contains("4 nodes"), "{said}");
     let mut turning = beam_elements(2);
     turning.modes = KeptModes::Given(DMatrix::from_element(18, 1, 1.0));
     let said = turning.reduce("beam").unwrap_err().to_string();
