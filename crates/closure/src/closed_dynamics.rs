@@ -490,7 +490,8 @@ impl<T: Real> Solved<'_, T> {
         out: &mut [T],
     ) -> Result<(), ClosureError> {
         check_length("tau", tau, self.dynamics.layout.nv())?;
-        let ClosedDynamics { structure, layout, tree, factors, solution, inverse, work, .. } = &mut *self.dynamics;
+        let ClosedDynamics { structure, layout, tree, factors, solution, inverse, work, .. } =
+            &mut *self.dynamics;
         inverse.run(layout, q, v, acceleration, wrenches, out)?;
         solution.constraint_force(structure, tree, factors, work);
         for i in 0..tau.len() {

@@ -78,7 +78,11 @@ pub(crate) struct Load<'a, S> {
 }
 
 impl<T: Real> Solution<T> {
-    pub(crate) fn new(structure: &Structure<T>, layout: &phipsi_recursion::Layout<T>, tree: &Tree<T>) -> Self {
+    pub(crate) fn new(
+        structure: &Structure<T>,
+        layout: &phipsi_recursion::Layout<T>,
+        tree: &Tree<T>,
+    ) -> Self {
         let modes = |k: usize| tree.modes(k).map_or(0, |_| tree.bodies[k].nv);
         let modes: usize = (0..tree.len()).map(modes).sum();
         let o = Arithmetic::<T>::splat(0.0);

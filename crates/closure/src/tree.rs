@@ -4,7 +4,7 @@
 //! |---|---|
 //! | modes | a body whose "joint" is n modal coordinates; its frame is its parent's, the hinge frame of the flexible body |
 //! | attached | what moves with a flexible body: a child of its modes, or an end of a loop on it |
-//! | Π | motion of what is attached by the rates of the modes, hinge frame | 
+//! | Π | motion of what is attached by the rates of the modes, hinge frame |
 //!
 //! Only six-vectors leave the modes: inboard of them a loop meets rigid bodies.
 
@@ -93,7 +93,10 @@ impl<T: Real> Tree<T> {
                 place: Place::Link(*body),
                 on: None,
             };
-            return Tree { bodies: layout.bodies().iter().map(of).collect(), carriers: (0..layout.len()).collect() };
+            return Tree {
+                bodies: layout.bodies().iter().map(of).collect(),
+                carriers: (0..layout.len()).collect(),
+            };
         };
         let held = layout.held_bodies();
         let modes_of = |k: usize| match stations.get(k)?.joint {

@@ -3,7 +3,7 @@
 
 use phipsi_closure::{ClosedDynamics, ClosedInfo, ClosureError, ClosureMotion, Conditions, Prescribed};
 use phipsi_model::{Closure, ClosureKind, Model, Placement, Random};
-use phipsi_reference::closed_dynamics::{ClosedSolution, Given, OpenTree, closure_rates, closed_tree};
+use phipsi_reference::closed_dynamics::{ClosedSolution, Given, OpenTree, closed_tree, closure_rates};
 use phipsi_reference::flexible as slow;
 use phipsi_reference::generate_flexible::{Bodies, FlexibleCase, flexible_case, perturbed};
 use phipsi_reference::kinematics::kinematics;
@@ -61,7 +61,8 @@ fn closed_case(seed: u64) -> Closed {
         let mut other = pose(&case.model, &q, b).inverse().compose(&there);
         if let ClosureKind::Distance { length } = &mut kind {
             // The other frame a good way off.
-            let far = Transform::new(other.rotation, other.translation + Vec3([1.0, 0.5, -2.0].map(Dd::from_f64)));
+            let far =
+                Transform::new(other.rotation, other.translation + Vec3([1.0, 0.5, -2.0].map(Dd::from_f64)));
             let rounded = placed(&far).to_transform::<Dd>();
             let from = pose(&case.model, &q, b).compose(&rounded).translation;
             *length = (from - there.translation).norm().to_f64();
@@ -172,14 +173,15 @@ fn accelerations_and_forces_of_random_flexible_mechanisms() {
         let [kept, dropped] = want.pivots;
         assert!(kept > 1e3 * dropped, "PHIPSI_SEED={seed}: pivots {kept:e} and {dropped:e} tell no rank");
         assert_eq!([rank, wide_rank], [want.rank; 2], "PHIPSI_SEED={seed}");
-        let ends = |c: &Closure| [c.body_a.as_str(), c.body_b.as_str()].map(|b| case.model.find_body(b).ok().flatten());
+        let ends = |c: &Closure| {
+            [c.body_a.as_str(), c.body_b.as_str()].map(|b| case.model.find_body(b).ok().flatten())
+        };
         let on = |k: Option<usize>| k.is_some_and(|k| case.model.bodies()[k].modes() > 0);
         seen[0] += usize::from(closed.closures.iter().flat_map(ends).any(on));
         seen[1] += usize::from(want.rank < closed.gamma.len());
         seen[2] += usize::from(closed.active.contains(&true));
-        let parts = |s: &ClosedSolution<Dd>| {
-            [&s.acceleration, &s.multipliers, &s.force, &s.tau].map(|x| x.clone())
-        };
+        let parts =
+            |s: &ClosedSolution<Dd>| [&s.acceleration, &s.multipliers, &s.force, &s.tau].map(|x| x.clone());
         let exact = parts(&want);
         let mut size = exact.each_ref().map(|x| x.iter().fold(1e-3f64, |m, x| m.max(x.hi.abs())));
         let mut random = Random::new(seed);
@@ -199,11 +201,16 @@ fn accelerations_and_forces_of_random_flexible_mechanisms() {
             let error = |x: Dd, y: &Dd| (x - *y).hi.abs();
             let errors = [
                 narrow.zip(&exact[part]).map(|(x, y)| error(x, y)).fold(0.0, f64::max) / f64::EPSILON,
-                wide[part].iter().zip(&exact[part]).map(|(x, y)| error(*x, y)).fold(0.0, f64::max) / Dd::EPSILON,
+                wide[part].iter().zip(&exact[part]).map(|(x, y)| error(*x, y)).fold(0.0, f64::max)
+                    / Dd::EPSILON,
             ];
             for (worst, error) in worst.iter_mut().zip(errors) {
                 let ratio = error / (unit * size[part]);
-                assert!(ratio <= FACTOR, "PHIPSI_SEED={seed}, part {part}: {ratio} n·ε·κ; {:?}", closed.closures);
+                assert!(
+                    ratio <= FACTOR,
+                    "PHIPSI_SEED={seed}, part {part}: {ratio} n·ε·κ; {:?}",
+                    closed.closures
+                );
                 worst[part] = worst[part].max(ratio);
             }
         }
@@ -289,7 +296,8 @@ fn a_weld_at_a_node_is_a_fixed_joint() {
     let mass = phipsi_recursion::mass_matrix(&layout, &qt).unwrap();
     let inverse = phipsi_recursion::mass_matrix_inverse(&layout, &qt).unwrap();
     let kappa = (0..n).map(|i| mass[i * (n + 1)] * inverse[i * (n + 1)]).fold(1.0, f64::max);
-    let budget = FACTOR * (closed.len() + closed.nv() + modes * modes) as f64 * f64::EPSILON * kappa * largest;
+    let budget =
+        FACTOR * (closed.len() + closed.nv() + modes * modes) as f64 * f64::EPSILON * kappa * largest;
     for (got, want) in got.iter().zip(&want) {
         assert!((got - want).abs() < budget, "{got} {want}, {budget:e}");
     }

@@ -112,7 +112,12 @@ fn read(text: &str, report: &mut Report) -> Option<MarketMatrix> {
             (rows, columns, all.unwrap_or(usize::MAX))
         }
         _ => {
-            report.errors.push(problem(number, shorten(sizes), required, "write the sizes of the matrix here"));
+            report.errors.push(problem(
+                number,
+                shorten(sizes),
+                required,
+                "write the sizes of the matrix here",
+            ));
             return None;
         }
     };

@@ -275,7 +275,9 @@ impl Model {
         for j in (0..copy.len()).filter(|&j| copy.tree.parent(j) == Some(k)) {
             copy.nodes[j] = None;
         }
-        copy.to_builder().with_nodes(attached.into_iter().map(|(j, node)| (self.joints[j].name.clone(), node))).build()
+        copy.to_builder()
+            .with_nodes(attached.into_iter().map(|(j, node)| (self.joints[j].name.clone(), node)))
+            .build()
     }
     /// The tree alone: the same model without closures and couplings.
     pub fn without_closures(mut self) -> Self {

@@ -28,8 +28,8 @@ const SUPPORT: [&str; 16] = [
 const CLOSURE: [&str; 4] = ["closed_dynamics", "assembly", "projection", "cut_joints"];
 
 /// Files of `closure` that hold parts of those, or none.
-const CLOSURE_SUPPORT: [&str; 9] =
-    ["error", "factors", "frames", "lib", "number", "reflections", "rows", "solution", "structure"];
+const CLOSURE_SUPPORT: [&str; 10] =
+    ["error", "factors", "frames", "lib", "number", "reflections", "rows", "solution", "structure", "tree"];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")

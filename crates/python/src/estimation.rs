@@ -237,4 +237,3 @@ impl Operators {
         Ok((array(py, mean, vec![nv, nv])?.into_any(), error))
     }
 }
-

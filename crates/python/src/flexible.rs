@@ -41,7 +41,8 @@ fn symmetric(object: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Symmetri
     if let Ok(path) = object.extract::<PathBuf>() {
         crate::errors::check_file(&path)?;
         let read = py.detach(|| read_matrix_market_file(&path)).into_result(false);
-        let (read, _) = read.map_err(|report| crate::errors::load_error(py, crate::report::Report::new(&report)))?;
+        let (read, _) =
+            read.map_err(|report| crate::errors::load_error(py, crate::report::Report::new(&report)))?;
         return read.to_symmetric().map_err(wrong);
     }
     if object.hasattr("tocoo")? {
@@ -131,7 +132,8 @@ impl FlexibleBody {
             other => return Err(choice_error(py, "modes", other, &["interface", "clamped_free", "pinned"])),
         };
         let bending = bending.unwrap_or([2, 2]);
-        for (name, count) in [("bending", bending[0].max(bending[1])), ("torsion", torsion), ("axial", axial)] {
+        for (name, count) in [("bending", bending[0].max(bending[1])), ("torsion", torsion), ("axial", axial)]
+        {
             if count > 40 {
                 let message = format!("`{name}` is {count}, but at most 40 modes are allowed");
                 let found = Field::Index(count);
@@ -278,7 +280,8 @@ impl FlexibleBody {
             Some(object) => matrix(object, name, shape),
             None => Ok(vec![0.0; shape.iter().product()]),
         };
-        let vectors = |x: Vec<f64>| -> Vec<[f64; 3]> { x.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect() };
+        let vectors =
+            |x: Vec<f64>| -> Vec<[f64; 3]> { x.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect() };
         let tensors = |x: Vec<f64>| -> Vec<[[f64; 3]; 3]> {
             vectors(x).chunks_exact(3).map(|m| [m[0], m[1], m[2]]).collect()
         };

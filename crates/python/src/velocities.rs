@@ -256,8 +256,7 @@ impl Model {
     ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let compiled = self.compiled();
         let layout = &compiled.layout;
-        let (mut q, mut nu, mut tau) =
-            (compiled.q(q, "q")?, compiled.v(nu, "nu")?, compiled.v(tau, "tau")?);
+        let (mut q, mut nu, mut tau) = (compiled.q(q, "q")?, compiled.v(nu, "nu")?, compiled.v(tau, "tau")?);
         let (nv, batch) = (layout.nv(), Batch::of(py, [&mut q, &mut nu, &mut tau])?);
         let out = batch.each(
             py,
@@ -271,7 +270,8 @@ impl Model {
         );
         let names = Names::Other("diagonal dynamics");
         let out = out.map_err(|e| compiled.failure(py, &batch, e, names))?;
-        let half = |first: usize| out.chunks_exact(2 * nv.max(1)).flat_map(move |x| x[first..first + nv].to_vec());
+        let half =
+            |first: usize| out.chunks_exact(2 * nv.max(1)).flat_map(move |x| x[first..first + nv].to_vec());
         Ok((batch.array(py, half(0).collect(), &[nv])?, batch.array(py, half(nv).collect(), &[nv])?))
     }
 }
@@ -287,7 +287,13 @@ impl Model {
         py: Python<'py>,
         q: (&Bound<'py, PyAny>, &'static str),
         v: (&Bound<'py, PyAny>, &'static str),
-        run: impl Fn(&mut DiagonalDynamics<f64>, &Layout<f64>, &[f64], &[f64], &mut [f64]) -> Result<(), DynamicsError>
+        run: impl Fn(
+            &mut DiagonalDynamics<f64>,
+            &Layout<f64>,
+            &[f64],
+            &[f64],
+            &mut [f64],
+        ) -> Result<(), DynamicsError>
         + Sync
         + Send,
     ) -> PyResult<Bound<'py, PyAny>> {

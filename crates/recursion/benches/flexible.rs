@@ -18,8 +18,7 @@ impl std::fmt::Display for Arm {
     }
 }
 
-const ARMS: [Arm; 7] =
-    [Arm(7, 0), Arm(7, 2), Arm(7, 6), Arm(7, 20), Arm(70, 2), Arm(70, 6), Arm(70, 20)];
+const ARMS: [Arm; 7] = [Arm(7, 0), Arm(7, 2), Arm(7, 6), Arm(7, 20), Arm(70, 2), Arm(70, 6), Arm(70, 20)];
 
 fn main() {
     common::header("Dynamics of one state of an arm of flexible links, workspace kept; items are bodies");

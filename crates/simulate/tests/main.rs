@@ -8,4 +8,5 @@ mod mutation;
 mod report;
 mod satellite;
 mod scenes;
+mod slider_crank;
 mod two_bodies;

@@ -176,7 +176,8 @@ impl<T: Real> Solution<T> {
                     let mut force = Arithmetic::<T>::splat(0.0);
                     for passing in &station.passes {
                         for (j, row) in structure.loops[passing.of].rows.clone().enumerate() {
-                            force += factors.kept_modes[passing.kept_modes + j * body.nv + l] * self.lambda[row];
+                            force +=
+                                factors.kept_modes[passing.kept_modes + j * body.nv + l] * self.lambda[row];
                         }
                     }
                     out[body.v + l] = force;

@@ -2,8 +2,8 @@
 
 use super::{End, Loop, LoopKind};
 use crate::error::ClosureError;
-use phipsi_model::{ClosureKind, Model};
 use crate::tree::Tree;
+use phipsi_model::{ClosureKind, Model};
 use phipsi_recursion::Layout;
 use phipsi_recursion::layout::GROUND;
 use phipsi_spatial::{Real, Transform};
@@ -62,7 +62,15 @@ pub(super) fn loops<T: Real>(
         };
         let name = coupling.joint.clone();
         let (rows, angular) = (first..first + 1, usize::from(rotation));
-        loops.push(Loop { name, kind, rows, angular, ancestor: GROUND, strands: [None; 2], attached: [None; 2] });
+        loops.push(Loop {
+            name,
+            kind,
+            rows,
+            angular,
+            ancestor: GROUND,
+            strands: [None; 2],
+            attached: [None; 2],
+        });
         first += 1;
     }
     Ok(loops)

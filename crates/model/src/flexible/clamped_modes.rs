@@ -83,7 +83,8 @@ impl ClampedModes {
                 return Err(mu.len());
             }
             x = basis;
-            let standing = |k: usize| before.get(k).is_some_and(|old| (old - mu[k]).abs() <= STANDING * mu[k]);
+            let standing =
+                |k: usize| before.get(k).is_some_and(|old| (old - mu[k]).abs() <= STANDING * mu[k]);
             let done = (0..count).all(standing);
             before = mu;
             if done || width == size {
@@ -124,8 +125,7 @@ fn ritz(y: &DMatrix<f64>, z: &DMatrix<f64>, mass: &SymmetricMatrix) -> (DMatrix<
     order.reverse();
     order.retain(|&c| eigen.eigenvalues[c] > 0.0);
     let mu: Vec<f64> = order.iter().map(|&c| eigen.eigenvalues[c]).collect();
-    let turn = DMatrix::from_fn(kept.len(), order.len(), |r, c| {
-        eigen.eigenvectors[(r, order[c])] / mu[c].sqrt()
-    });
+    let turn =
+        DMatrix::from_fn(kept.len(), order.len(), |r, c| eigen.eigenvectors[(r, order[c])] / mu[c].sqrt());
     (basis * turn, mu)
 }

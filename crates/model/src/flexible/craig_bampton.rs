@@ -125,7 +125,11 @@ impl fmt::Display for ImportReport {
             write!(f, "; {left} modes with clamped interfaces left out, from {next:.4e} rad/s on")?;
         }
         if self.lumped {
-            write!(f, "; products of shapes with lumped masses, which changes M_ee by {:.1e} of 1", self.lumping)?;
+            write!(
+                f,
+                "; products of shapes with lumped masses, which changes M_ee by {:.1e} of 1",
+                self.lumping
+            )?;
         }
         write!(f, "; a rigid motion strains the elements by {:.1e}, relative", self.rigid_force)
     }
@@ -195,7 +199,8 @@ impl CraigBampton {
         if rigid_force > LARGEST_RIGID_FORCE {
             let at = format!("node {}, degree of freedom {}", place / width, place % width);
             let found = format!("a rigid motion makes a relative force of {rigid_force:.1e} at {at}");
-            let remedy = "write the matrices of the free elements, without supports, in the order of the nodes";
+            let remedy =
+                "write the matrices of the free elements, without supports, in the order of the nodes";
             return Err(error(name, found, format!("at most {LARGEST_RIGID_FORCE:e}"), remedy));
         }
         let (integrals, lumping, lumped) = self.integrals(width, &psi);
@@ -230,7 +235,12 @@ impl CraigBampton {
         let i: Vec<usize> = (0..self.positions.len()).filter(is_inner).flat_map(dofs).collect();
         let count = match &self.modes {
             KeptModes::Given(psi) => {
-                return Ok(Shapes { psi: psi.clone(), clamped: Vec::new(), first_left_out: None, inner: i.len() });
+                return Ok(Shapes {
+                    psi: psi.clone(),
+                    clamped: Vec::new(),
+                    first_left_out: None,
+                    inner: i.len(),
+                });
             }
             KeptModes::Lowest(count) => (*count).min(i.len()),
         };
@@ -344,7 +354,11 @@ impl CraigBampton {
         if let KeptModes::Given(psi) = &self.modes {
             if psi.nrows() != size || psi.ncols() == 0 {
                 let what = format!("shape matrix of {}×{}", psi.nrows(), psi.ncols());
-                error(what, &format!("{size} rows, and a column for every mode"), "give all degrees of freedom");
+                error(
+                    what,
+                    &format!("{size} rows, and a column for every mode"),
+                    "give all degrees of freedom",
+                );
             } else {
                 for &k in self.inboard.iter().filter(|k| **k < nodes) {
                     let rows = (k * width).min(size)..((k + 1) * width).min(size);

@@ -114,7 +114,8 @@ impl SymmetricMatrix {
             let (i, j, found) = match (a.peek().copied(), b.peek().copied()) {
                 (None, None) => break,
                 (Some(x), Some(y)) if place(&x) == place(&y) => {
-                    (a.next(), b.next());
+                    a.next();
+                    b.next();
                     (x.0, x.1, [x.2, y.2])
                 }
                 (Some(x), y) if y.is_none_or(|y| place(&x) < place(&y)) => {

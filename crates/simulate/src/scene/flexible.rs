@@ -65,7 +65,8 @@ fn beam(table: &mut Table<'_>, report: &mut Report) -> Option<FlexibleBody> {
     };
     let bending = table.numbers::<2>("bending", report).unwrap_or([2.0, 2.0]);
     let bending = bending.map(|x| count(x, "bending", MOST_MODES, table, report));
-    let torsion = table.number("torsion", report).map_or(0, |x| count(x, "torsion", MOST_MODES, table, report));
+    let torsion =
+        table.number("torsion", report).map_or(0, |x| count(x, "torsion", MOST_MODES, table, report));
     let axial = table.number("axial", report).map_or(0, |x| count(x, "axial", MOST_MODES, table, report));
     let family = match table.word("modes", &["interface", "clamped_free", "pinned"], report) {
         Some("clamped_free") => BeamModes::ClampedFree,

@@ -104,7 +104,9 @@ impl CraigBampton {
         let [x, y, z] = &directions;
         let same = |y: &SymmetricMatrix| {
             x.entries().count() == y.entries().count()
-                && x.entries().zip(y.entries()).all(|(a, b)| (a.0, a.1) == (b.0, b.1) && (a.2 - b.2).abs() <= slack)
+                && x.entries()
+                    .zip(y.entries())
+                    .all(|(a, b)| (a.0, a.1) == (b.0, b.1) && (a.2 - b.2).abs() <= slack)
         };
         (!coupled && same(y) && same(z)).then(|| x.clone())
     }

@@ -35,11 +35,19 @@ pub(super) fn read(
             None
         }
         (_, Some(shapes)) => dense(table, &shapes, report).map(KeptModes::Given),
-        (modes, None) => Some(KeptModes::Lowest(count(modes.unwrap_or(6.0), "modes", MOST_MODES, table, report))),
+        (modes, None) => {
+            Some(KeptModes::Lowest(count(modes.unwrap_or(6.0), "modes", MOST_MODES, table, report)))
+        }
     };
     let damping = table.positive("damping", true, report).unwrap_or_default();
     if inboard.is_empty() && table.has("inboard") && nodes.is_some() {
-        table.error(None, report, "no inboard node", "at least one label", "name the nodes that the joint holds");
+        table.error(
+            None,
+            report,
+            "no inboard node",
+            "at least one label",
+            "name the nodes that the joint holds",
+        );
     }
     table.required("inboard", report, "labels of the nodes that the body's joint holds");
     if report.errors.len() > before {
@@ -71,9 +79,12 @@ pub(super) fn read(
             Some(body.damped(damping))
         }
         Err(errors) => {
-            report.errors.extend(errors.0.into_iter().map(|v| {
-                Problem::new(table.line, v.subject.to_string(), v.found, v.required, v.remedy)
-            }));
+            report.errors.extend(
+                errors
+                    .0
+                    .into_iter()
+                    .map(|v| Problem::new(table.line, v.subject.to_string(), v.found, v.required, v.remedy)),
+            );
             None
         }
     }
@@ -91,7 +102,8 @@ fn file<T>(
     let path = files.folder.join(table.text(key, report)?);
     let Loaded { value, report: read } = reader(&path);
     if value.is_none() {
-        let (found, place) = (format!("{key} = {:?} cannot be used", path.display().to_string()), table.get(key));
+        let (found, place) =
+            (format!("{key} = {:?} cannot be used", path.display().to_string()), table.get(key));
         table.error(place, report, found, "a file without errors", "see the errors of that file");
     }
     files.reports.push(read);
@@ -120,7 +132,11 @@ fn matrix(
 }
 
 /// All numbers of a matrix.
-fn dense(table: &mut Table<'_>, matrix: &MarketMatrix, report: &mut Report) -> Option<nalgebra::DMatrix<f64>> {
+fn dense(
+    table: &mut Table<'_>,
+    matrix: &MarketMatrix,
+    report: &mut Report,
+) -> Option<nalgebra::DMatrix<f64>> {
     let numbers = matrix.to_columns();
     if numbers.is_none() {
         let found = format!("shapes of {}×{}", matrix.rows, matrix.columns);
@@ -148,7 +164,13 @@ fn labels(
             Value::Integer(label) => label.to_string(),
             other => {
                 let what = format!("{key}: {}", other.describe());
-                table.error(Some(item), report, what, "labels of nodes, texts or whole numbers", "correct it");
+                table.error(
+                    Some(item),
+                    report,
+                    what,
+                    "labels of nodes, texts or whole numbers",
+                    "correct it",
+                );
                 continue;
             }
         };
@@ -158,7 +180,13 @@ fn labels(
             None => {
                 let known: Vec<&str> = nodes.labels.iter().take(1000).map(String::as_str).collect();
                 let remedy = suggestion(&label, &known);
-                table.error(Some(item), report, format!("node `{label}`"), "a label of the table of nodes", remedy);
+                table.error(
+                    Some(item),
+                    report,
+                    format!("node `{label}`"),
+                    "a label of the table of nodes",
+                    remedy,
+                );
             }
         }
     }

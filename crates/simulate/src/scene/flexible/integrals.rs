@@ -37,7 +37,8 @@ pub(super) fn read(table: &mut Table<'_>, report: &mut Report) -> Option<Flexibl
     if let Some(node) = t.get("rotary_modal") {
         sum.rotary_modal = square(&t, "rotary_modal", node, n, report);
     }
-    let mut stiffening = Stiffening { displacement: vec![[0.0; 3]; n * n], moment: vec![[[0.0; 3]; 3]; n * n] };
+    let mut stiffening =
+        Stiffening { displacement: vec![[0.0; 3]; n * n], moment: vec![[[0.0; 3]; 3]; n * n] };
     let stiffened = t.has("stiffening_displacement") || t.has("stiffening_moment");
     vector_pairs(&mut t, "stiffening_displacement", n, &mut stiffening.displacement, report);
     pairs(&mut t, "stiffening_moment", n, report, |l, m, x| {
@@ -86,8 +87,13 @@ fn matrix(table: &mut Table<'_>, key: &'static str, report: &mut Report) -> Opti
         rows?.try_into().ok()
     });
     if rows.is_none() {
-        table.error(Some(node), report, format!("{key} = {}", node.value.describe()), "three rows of three numbers",
-            format!("correct `{key}`"));
+        table.error(
+            Some(node),
+            report,
+            format!("{key} = {}", node.value.describe()),
+            "three rows of three numbers",
+            format!("correct `{key}`"),
+        );
     }
     rows
 }
@@ -139,7 +145,13 @@ fn mode(table: &mut Table<'_>, key: &'static str, n: usize, report: &mut Report)
     let node = table.required(key, report, "the number of a mode, from 1")?;
     index(finite(node), n).or_else(|| {
         let found = format!("{key} = {}", node.value.describe());
-        table.error(Some(node), report, found, format!("whole numbers from 1 to {n}"), format!("correct `{key}`"));
+        table.error(
+            Some(node),
+            report,
+            found,
+            format!("whole numbers from 1 to {n}"),
+            format!("correct `{key}`"),
+        );
         None
     })
 }
@@ -155,8 +167,13 @@ fn pair(entry: &mut Table<'_>, n: usize, report: &mut Report) -> Option<(usize, 
     let found = index(Some(l), n).zip(index(Some(m), n));
     if found.is_none() {
         let node = entry.get("modes");
-        entry.error(node, report, format!("modes = [{l}, {m}]"), format!("whole numbers from 1 to {n}"),
-            "correct `modes`");
+        entry.error(
+            node,
+            report,
+            format!("modes = [{l}, {m}]"),
+            format!("whole numbers from 1 to {n}"),
+            "correct `modes`",
+        );
     }
     found
 }
