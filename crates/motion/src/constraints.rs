@@ -144,7 +144,7 @@ impl Constraints {
     /// For a model; `None` if it is a tree of which nothing is prescribed.
     ///
     /// # Errors
-    /// [`ClosureError`]: bodies that are flexible, a coupling that cannot be; [`MotionError::Prescription`].
+    /// [`ClosureError`]: a coupling that cannot be; [`MotionError::Prescription`].
     pub(crate) fn new(model: &Model, prescription: &Prescription) -> Result<Option<Self>, MotionError> {
         if model.closures().is_empty() && model.couplings().is_empty() && prescription.is_empty() {
             return Ok(None);

@@ -223,7 +223,7 @@ fn read(
     let mut simulation = match created {
         Ok(simulation) => simulation,
         Err(e) => {
-            let required = "closures of rigid bodies and couplings of joints with one axis";
+            let required = "closures, and couplings of joints with one axis";
             let remedy = "remove the closure, or set mimic = \"free\" in [model]";
             report.errors.push(Problem::new(None, "model", e.to_string(), required, remedy));
             return Err(reports);
