@@ -18,7 +18,7 @@ from .common import ARM, MOLECULE
 PACKAGE = Path(phipsi.__file__).parent
 
 #: Classes that are only returned: their class docstring says everything.
-RETURNED = {"AssemblyInfo", "ForwardInfo", "Note", "Operator", "Operators", "Problem", "Report", "RunError", "State", "Trajectory", "WorstHinge"}
+RETURNED = {"AssemblyInfo", "ClosureProjection", "VelocityProjectionInfo", "ForwardInfo", "Note", "Operator", "Operators", "Problem", "Report", "RunError", "State", "Trajectory", "WorstHinge"}
 
 
 def public_objects():

@@ -23,6 +23,7 @@ mod reflections;
 mod rows;
 mod solution;
 mod structure;
+pub mod tree_choice;
 
 pub use assembly::{PositionProjection, VelocityProjection};
 pub use closed_dynamics::{ClosedDynamics, ClosedInfo, ClosureMotion, Conditions, Prescribed, Solved};
@@ -31,3 +32,4 @@ pub use error::ClosureError;
 pub use factors::Redundant;
 pub use projection::Projection;
 pub use solution::Inconsistency;
+pub use tree_choice::{TreeChoice, choose_tree};

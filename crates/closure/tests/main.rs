@@ -4,3 +4,4 @@ mod against_reference;
 mod allocation;
 mod identities;
 mod mechanisms;
+mod tree_choice;

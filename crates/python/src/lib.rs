@@ -5,7 +5,7 @@
 //! | `batch` | array-likes as states, broadcasting, the loop over states |
 //! | `model`, `dynamics`, `derivatives`, `hybrid`, `freeflight`, `kinematics`, `jacobians`, `velocities` | methods of the class `Model` |
 //! | `operators` | `phipsi.operators`: the classes `Operators` and `Operator` |
-//! | `closure` | methods of the class `Model` about loops |
+//! | `closure`, `closure_projection` | methods of the class `Model` about loops; the class `ClosureProjection` |
 //! | `molecule` | methods of the class `System`: energies and forces of molecules |
 //! | `torsion_model`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
 //! | `simulate`, `trajectory`, `simulator` | motion |
@@ -13,6 +13,7 @@
 
 mod batch;
 mod closure;
+mod closure_projection;
 mod clustering;
 mod derivatives;
 mod dynamics;
@@ -54,6 +55,8 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<jacobians::OperationalSpaceInfo>()?;
     m.add_class::<jacobians::InverseKinematicsInfo>()?;
     m.add_class::<closure::AssemblyInfo>()?;
+    m.add_class::<closure_projection::VelocityProjectionInfo>()?;
+    m.add_class::<closure_projection::ClosureProjection>()?;
     m.add_class::<trajectory::Trajectory>()?;
     m.add_class::<trajectory::RunError>()?;
     m.add_class::<simulator::Simulator>()?;

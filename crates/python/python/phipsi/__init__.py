@@ -11,6 +11,7 @@ kJ/mol: ``phipsi.molecule``. Operators of the algebra: ``phipsi.operators``.
 from . import interop, molecule
 from ._native import (
     AssemblyInfo,
+    ClosureProjection,
     ForwardInfo,
     InverseKinematicsInfo,
     Model,
@@ -23,6 +24,7 @@ from ._native import (
     RunError,
     Simulator,
     Trajectory,
+    VelocityProjectionInfo,
     WorstHinge,
     __version__,
     operators,
@@ -35,6 +37,7 @@ __all__ = [
     "ArgumentError",
     "ArgumentTypeError",
     "AssemblyInfo",
+    "ClosureProjection",
     "Error",
     "ForwardInfo",
     "InverseKinematicsInfo",
@@ -51,6 +54,7 @@ __all__ = [
     "Simulator",
     "State",
     "Trajectory",
+    "VelocityProjectionInfo",
     "WorstHinge",
     "__version__",
     "interop",
