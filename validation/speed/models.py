@@ -110,7 +110,7 @@ def open_closed_case(name: str, _folder: Path) -> Case:
 
 def write_closed(path: Path, case: Case) -> str:
     """Tree and closures as phipsi's timer reads them; the path."""
-    lines = [str(case.path)]
+    lines = [str(case.path), _words(case.m.gravity)]
     for name, kind, *sides in case.closures:
         lines.append(" ".join([name, kind, *(f"{link} {_words(xyz)} {_words(rpy)}" for link, xyz, rpy in sides)]))
     path.write_text("\n".join(lines) + "\n")

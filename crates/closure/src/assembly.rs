@@ -102,7 +102,8 @@ impl<T: Real> ClosedDynamics<T> {
     fn openness(&self, independent: bool) -> (f64, f64) {
         let (mut square, mut most) = (0.0f64, 0.0f64);
         for l in &self.structure.loops {
-            for (i, row) in l.rows.clone().enumerate().filter(|r| !(independent && self.factors.dropped[r.1])) {
+            for (i, row) in l.rows.clone().enumerate().filter(|r| !(independent && self.factors.dropped[r.1]))
+            {
                 let x = (weight(&self.structure, l, i) * self.frames.residual[row]).abs().to_f64();
                 square += x * x;
                 // A residual that is no number is as open as can be.

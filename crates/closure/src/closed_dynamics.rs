@@ -13,13 +13,13 @@
 use crate::error::{ClosureError, check_length};
 use crate::factors::{Factors, Redundant, Regard};
 use crate::frames::{Frames, weight};
-use crate::number::{motion, wrench};
+use crate::number::{Arithmetic, motion, wrench};
 use crate::solution::{Inconsistency, Load, Solution};
 use crate::structure::{LoopKind, Structure};
 use phipsi_model::Model;
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{InverseDynamics, Layout};
-use phipsi_spatial::{Real, Transform, Vec3, Wrench};
+use phipsi_spatial::{Kernel, Real, Scalar, Transform, Vec3, Wrench};
 use std::ops::Range;
 
 /// Positions, velocities and accelerations that closures are given at this instant: one number per row, rad and m.
@@ -247,26 +247,7 @@ impl<T: Real> ClosedDynamics<T> {
         self.set_position(q, conditions)?;
         let active = conditions.prescribed.map(|p| p.active);
         self.factors.update(&self.structure, &self.layout, &self.frames, active, Regard::Error)?;
-        self.solution.clear();
-        self.set_bias(v, conditions.wrenches);
-        let velocity_error = self.set_rates(v, conditions);
-        self.terms.fill(T::zero());
-        self.sizes.fill(T::zero());
-        self.frames.add_velocity_terms(
-            &self.structure,
-            |k| if k == GROUND { Vec3::zero() } else { self.omega[k] },
-            &mut self.terms,
-            &mut self.sizes,
-        );
-        if let Some(motion) = &conditions.motion {
-            for l in &self.structure.loops {
-                for (i, row) in l.rows.clone().enumerate() {
-                    self.terms[row] += weight(&self.structure, l, i) * motion.acceleration[row];
-                }
-            }
-        }
-        self.solution.g.copy_from_slice(T::arithmetic(&self.terms));
-        self.solution.sizes.copy_from_slice(T::arithmetic(&self.sizes));
+        let velocity_error = Arithmetic::<T>::dispatch(Rates { dynamics: self, v, conditions });
         let [x, y, z] = self.layout.gravity().0;
         let load = Load {
             tau: Some(T::arithmetic(tau)),
@@ -305,6 +286,7 @@ impl<T: Real> ClosedDynamics<T> {
         Ok(())
     }
     /// Sets Jv − γ̇; returns the largest.
+    #[inline(always)]
     pub(crate) fn set_rates(&mut self, v: &[T], conditions: &Conditions<'_, T>) -> f64 {
         self.frames.set_velocity(&self.structure, &self.layout, v, &mut self.rates);
         if let Some(motion) = &conditions.motion {
@@ -314,7 +296,32 @@ impl<T: Real> ClosedDynamics<T> {
         }
         largest(&self.rates)
     }
+    /// Everything that velocities and wrenches give; returns the largest residual of the rates.
+    #[inline(always)]
+    fn set_motion(&mut self, v: &[T], conditions: &Conditions<'_, T>) -> f64 {
+        self.set_bias(v, conditions.wrenches);
+        let velocity_error = self.set_rates(v, conditions);
+        self.terms.fill(T::zero());
+        self.sizes.fill(T::zero());
+        self.frames.add_velocity_terms(
+            &self.structure,
+            |k| if k == GROUND { Vec3::zero() } else { self.omega[k] },
+            &mut self.terms,
+            &mut self.sizes,
+        );
+        if let Some(motion) = &conditions.motion {
+            for l in &self.structure.loops {
+                for (i, row) in l.rows.clone().enumerate() {
+                    self.terms[row] += weight(&self.structure, l, i) * motion.acceleration[row];
+                }
+            }
+        }
+        self.solution.g.copy_from_slice(T::arithmetic(&self.terms));
+        self.solution.sizes.copy_from_slice(T::arithmetic(&self.sizes));
+        velocity_error
+    }
     /// Angular velocities, Coriolis accelerations and bias forces.
+    #[inline(always)]
     fn set_bias(&mut self, v: &[T], wrenches: Option<&[Wrench<T>]>) {
         for (k, body) in self.layout.bodies().iter().enumerate() {
             let pose = &self.frames.poses[k];
@@ -373,6 +380,20 @@ impl<T: Real> ClosedDynamics<T> {
             velocity.copy_from_slice(&self.rates);
         }
         Ok(())
+    }
+}
+
+struct Rates<'a, 'b, T: Real> {
+    dynamics: &'a mut ClosedDynamics<T>,
+    v: &'a [T],
+    conditions: &'a Conditions<'b, T>,
+}
+
+impl<T: Real> Kernel for Rates<'_, '_, T> {
+    type Output = f64;
+    #[inline(always)]
+    fn run(self) -> f64 {
+        self.dynamics.set_motion(self.v, self.conditions)
     }
 }
 

@@ -10,10 +10,11 @@
 //! Poses and velocities are relative to the common ancestor, never to the world, so that a far or fast mechanism closes as
 //! well as one at rest; and both ends are compared at one point, so that a rigid motion of the ancestor opens nothing.
 
+use crate::number::Arithmetic;
 use crate::rows::{MOST_ROWS, Relative};
 use crate::structure::{End, Loop, LoopKind, Structure};
 use phipsi_recursion::Layout;
-use phipsi_spatial::{Mat3, Motion, Quaternion, Real, Transform, Vec3, Wrench};
+use phipsi_spatial::{Kernel, Mat3, Motion, Quaternion, Real, Scalar, Transform, Vec3, Wrench};
 
 /// Where and how fast the ends of all loops are.
 #[derive(Clone, Debug)]
@@ -55,6 +56,10 @@ impl<T: Real> Frames<T> {
         q: &[T],
         gamma: Option<&[T]>,
     ) {
+        Arithmetic::<T>::dispatch(Place { frames: self, structure, layout, q, gamma });
+    }
+    #[inline(always)]
+    fn place(&mut self, structure: &Structure<T>, layout: &Layout<T>, q: &[T], gamma: Option<&[T]>) {
         for (pose, body) in self.poses.iter_mut().zip(layout.bodies()) {
             *pose = body.pose(q);
         }
@@ -89,6 +94,7 @@ impl<T: Real> Frames<T> {
         }
     }
     /// Pose of an end in the ancestor of its loop.
+    #[inline(always)]
     fn in_ancestor(
         &mut self,
         structure: &Structure<T>,
@@ -106,6 +112,7 @@ impl<T: Real> Frames<T> {
         pose
     }
     /// Velocity of an end against the ancestor of its loop, of the end's origin, in its axes.
+    #[inline(always)]
     fn twist(
         &self,
         structure: &Structure<T>,
@@ -123,6 +130,7 @@ impl<T: Real> Frames<T> {
         twist
     }
     /// The relative twists at velocities `v`, and their rows: `rates` gets S (ω, ḋ) of all rows, rad/s and m/s.
+    #[inline(always)]
     pub(crate) fn set_velocity(
         &mut self,
         structure: &Structure<T>,
@@ -150,6 +158,7 @@ impl<T: Real> Frames<T> {
         }
     }
     /// C_r of a strand where it begins: rows on the acceleration of its body, ± S X(c ← body).
+    #[inline(always)]
     pub(crate) fn strand_row(&self, structure: &Structure<T>, of: usize, side: usize, i: usize) -> Wrench<T> {
         let l = &structure.loops[of];
         let row = self.points[of][side].wrench_to_parent(self.rows[of][i]).scale(weight(structure, l, i));
@@ -157,6 +166,7 @@ impl<T: Real> Frames<T> {
     }
     /// What the velocities add to the right-hand side of all rows (angular ones times the scene's length), and the size of the
     /// terms, which may cancel. `omega`: angular velocity of every body, its axes.
+    #[inline(always)]
     pub(crate) fn add_velocity_terms(
         &self,
         structure: &Structure<T>,
@@ -187,6 +197,7 @@ impl<T: Real> Frames<T> {
         }
     }
     /// The largest residual of a loop, over the scene's length where it is one.
+    #[inline(always)]
     fn relative_error(&self, structure: &Structure<T>, l: &Loop<T>) -> f64 {
         let residual = &self.residual[l.rows.clone()];
         let over = |(i, x): (usize, &T)| {
@@ -197,7 +208,24 @@ impl<T: Real> Frames<T> {
     }
 }
 
+struct Place<'a, T: Real> {
+    frames: &'a mut Frames<T>,
+    structure: &'a Structure<T>,
+    layout: &'a Layout<T>,
+    q: &'a [T],
+    gamma: Option<&'a [T]>,
+}
+
+impl<T: Real> Kernel for Place<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run(self) {
+        self.frames.place(self.structure, self.layout, self.q, self.gamma);
+    }
+}
+
 /// What row i of a loop is multiplied with: the scene's length, if it is an angle.
+#[inline(always)]
 pub(crate) fn weight<T: Real>(structure: &Structure<T>, l: &Loop<T>, i: usize) -> T {
     if i < l.angular { T::splat(structure.length) } else { T::one() }
 }

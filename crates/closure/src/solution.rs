@@ -205,8 +205,7 @@ impl<T: Real> Solution<T> {
         self.turn(structure, factors, operation, done);
         let of = operation.closes.unwrap_or(0);
         let rows = structure.loops[of].rows.clone();
-        let lead = operation.most;
-        let R = |t: usize, c: usize| factors.matrix[operation.number + c * lead + t];
+        let R = |t: usize, c: usize| factors.matrix[operation.number + t * operation.width + c];
         let pivots = &factors.pivots[operation.step..][..done.rank];
         let inverse = done.scale.recip();
         // h on the stack, which is free again.
@@ -272,9 +271,9 @@ impl<T: Real> Solution<T> {
         }
         let a = self.a[k];
         for &b in &station.waiting {
-            let first = structure.blocks[b].row;
-            for row in first..first + factors.block_rows[b] {
-                self.zeta[row] += a.dot(factors.block_x[row]);
+            let block = &structure.blocks[b];
+            for i in 0..factors.block_rows[b] {
+                self.zeta[block.row + i] += a.dot(factors.block_x[block.x + i]);
             }
         }
         for passing in &station.passes {
@@ -285,8 +284,10 @@ impl<T: Real> Solution<T> {
             }
         }
         self.z[k] += factors.inertia[k].times(a);
-        let rows = match station.join {
-            Some(index) => self.gather(structure, factors, &structure.operations[index]),
+        let joined = station.join.map(|index| &structure.operations[index]);
+        let rows = match joined {
+            Some(operation) if operation.in_place => appended(structure, factors, operation),
+            Some(operation) => self.gather(structure, factors, operation),
             None => 0,
         };
         let mut passed = 0;
@@ -295,11 +296,13 @@ impl<T: Real> Solution<T> {
                 continue;
             }
             let tau = load.tau.map_or(o, |tau| tau[body.v + i]);
-            let s = (tau - body.hinge.project(i, &self.z[k])) / factors.roots[body.v + i];
+            let s = (tau - body.hinge.project(i, &self.z[k])) * factors.inverses[body.v + i];
             self.z[k] = factors.xi[body.v + i].scale_add(s, self.z[k]);
             self.s[body.v + i] = s;
-            if station.join.is_some() {
-                self.stack[rows + passed] = -s;
+            match joined {
+                Some(operation) if operation.in_place => self.zeta[rows + passed] = -s,
+                Some(_) => self.stack[rows + passed] = -s,
+                None => {}
             }
             passed += 1;
         }
@@ -310,7 +313,7 @@ impl<T: Real> Solution<T> {
                 Wrench::from_array([t[0], t[1], t[2], t[3], t[4], t[5]])
             });
         }
-        if let Some(index) = station.join {
+        if let Some(index) = station.join.filter(|&index| !structure.operations[index].in_place) {
             self.turn(structure, factors, &structure.operations[index], &factors.done[index]);
         }
     }
@@ -350,15 +353,20 @@ impl<T: Real> Solution<T> {
         let body = &layout.bodies()[k];
         let o = Arithmetic::<T>::splat(0.0);
         let mut xi_row = 0;
-        if let Some(index) = structure.stations[k].join {
+        let joined = structure.stations[k].join;
+        let in_place = joined.is_some_and(|index| structure.operations[index].in_place);
+        if let Some(index) = joined {
             let (operation, done) = (&structure.operations[index], &factors.done[index]);
-            let output = operation.output.map_or(0, |b| structure.blocks[b].row);
-            self.x[..done.left].copy_from_slice(&self.eta[output..output + done.left]);
-            xi_row = self.scatter(structure, factors, operation, done, done.left);
+            if in_place {
+                xi_row = appended(structure, factors, operation);
+            } else {
+                let output = operation.output.map_or(0, |b| structure.blocks[b].row);
+                self.x[..done.left].copy_from_slice(&self.eta[output..output + done.left]);
+                xi_row = self.scatter(structure, factors, operation, done, done.left);
+            }
         }
         let nv = body.hinge.nv();
         let mut passed = (0..nv).filter(|&i| factors.roots[body.v + i] != o).count();
-        let joined = structure.stations[k].join.is_some();
         for i in (0..nv).rev() {
             let at = body.v + i;
             if factors.roots[at] == o {
@@ -366,8 +374,12 @@ impl<T: Real> Solution<T> {
                 continue;
             }
             passed -= 1;
-            let xi = if joined { self.stack[xi_row + passed] } else { o };
-            out[at] = (xi - alpha.dot(factors.xi[at]) + self.s[at]) / factors.roots[at];
+            let xi = match joined {
+                Some(_) if in_place => self.eta[xi_row + passed],
+                Some(_) => self.stack[xi_row + passed],
+                None => o,
+            };
+            out[at] = (xi - alpha.dot(factors.xi[at]) + self.s[at]) * factors.inverses[at];
             body.hinge.add_axis(i, out[at], &mut alpha);
         }
         self.alpha[k] = alpha + self.a[k];
@@ -451,6 +463,13 @@ impl<T: Real> Kernel for Run<'_, T> {
         let Run { solution, structure, layout, frames, factors, load, out } = self;
         solution.sweep(structure, layout, frames, factors, load, out);
     }
+}
+
+/// The first row that a join in place appends to its block, among all blocks' rows.
+#[inline(always)]
+fn appended<T: Real>(structure: &Structure<T>, factors: &Factors<T>, operation: &Operation) -> usize {
+    let first = operation.output.map_or(0, |b| structure.blocks[b].row);
+    first + operation.inputs.first().map_or(0, |(b, _)| factors.block_rows[*b])
 }
 
 /// The largest component of a vector.

@@ -11,7 +11,8 @@
 use crate::cut_joints::{Cost, CutChoice, GraphJoint, choose_cuts, cost_of};
 use phipsi_model::joint::rotation_from_z;
 use phipsi_model::{
-    Body, Closure, ClosureKind, Inertia, Joint, JointKind, Limits, Model, ModelBuilder, ModelErrors, Placement,
+    Body, Closure, ClosureKind, Inertia, Joint, JointKind, Limits, Model, ModelBuilder, ModelErrors,
+    Placement,
 };
 use phipsi_spatial::{Mat3, Quaternion, Transform, Vec3};
 use std::fmt;

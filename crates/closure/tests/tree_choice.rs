@@ -18,14 +18,19 @@ fn rod(name: String) -> Body {
 
 /// Two rails of n pieces on the ground, each a chain, and rungs that hang on the left one, closed to the right one.
 fn ladder(n: usize) -> Model {
-    let hinge = |name: String, place: Placement| Joint::new(name, JointKind::Continuous { axis: Z }).at(place);
+    let hinge =
+        |name: String, place: Placement| Joint::new(name, JointKind::Continuous { axis: Z }).at(place);
     let mut builder = ModelBuilder::new("ladder").gravity([0.0, -9.81, 0.0]);
     for (side, y) in [("left", 0.0), ("right", 1.0)] {
         let mut parent = "world".to_string();
         for i in 0..n {
             let name = format!("{side}{i}");
             let place = if i == 0 { at(0.0, y) } else { at(1.0, 0.0) };
-            builder = builder.body(rod(name.clone())).joint(hinge(format!("{name} hinge"), place), parent, name.as_str());
+            builder = builder.body(rod(name.clone())).joint(
+                hinge(format!("{name} hinge"), place),
+                parent,
+                name.as_str(),
+            );
             parent = name;
         }
     }
@@ -77,8 +82,8 @@ fn a_ladder_hangs_on_its_rungs() {
         let given = ClosedDynamics::<f64>::new(&model).unwrap();
         let best = ClosedDynamics::<f64>::new(&choice.model).unwrap();
         assert_eq!((given.nesting(), best.nesting()), (choice.given.nesting, choice.found.cost.nesting));
-        // Bounded by the loops, where two chains as rails cost their cube.
-        assert!(best.nesting() <= 200 * n, "{n}: {}", best.nesting());
+        // Two loops of five rows at most are open at a loop's three joints, where two chains as rails cost their cube.
+        assert!(best.nesting() <= 300 * n, "{n}: {}", best.nesting());
         assert_eq!(best.closures(), n);
     }
 }

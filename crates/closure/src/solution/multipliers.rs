@@ -29,8 +29,7 @@ impl<T: Real> Solution<T> {
     ) {
         let (operation, done) = (&structure.operations[index], &factors.done[index]);
         let start = operation.closes.map_or(0, |of| structure.loops[of].rows.start);
-        let lead = operation.most;
-        let R = |t: usize, c: usize| factors.matrix[operation.number + c * lead + t];
+        let R = |t: usize, c: usize| factors.matrix[operation.number + t * operation.width + c];
         let pivots = &factors.pivots[operation.step..][..done.rank];
         if driven {
             for c in (0..operation.closing).filter(|c| !pivots.contains(c)) {
@@ -116,8 +115,7 @@ impl<T: Real> Solution<T> {
         for &index in &structure.closings {
             let (operation, done) = (&structure.operations[index], &factors.done[index]);
             let start = operation.closes.map_or(0, |of| structure.loops[of].rows.start);
-            let lead = operation.most;
-            let R = |t: usize, c: usize| factors.matrix[operation.number + c * lead + t];
+            let R = |t: usize, c: usize| factors.matrix[operation.number + t * operation.width + c];
             let pivots = &factors.pivots[operation.step..][..done.rank];
             // R^−* of the kept rows, on the stack.
             for t in 0..done.rank {

@@ -1,7 +1,7 @@
 //! phipsi's side of `python -m validation.speed`: times the kernels on the states that it is given.
 //!
 //! MODEL is `FILE.urdf` or `FILE.urdf#LINK` (the link of the Jacobian), or `chain:N`, a chain made here; with closed loops,
-//! `FILE.loops`: the path of its tree, then a line `NAME KIND LINK X Y Z ROLL PITCH YAW LINK X Y Z ROLL PITCH YAW` for each closure.
+//! `FILE.loops`: the path of its tree, a line with gravity, then a line `NAME KIND LINK X Y Z ROLL PITCH YAW LINK X Y Z ROLL PITCH YAW` for each closure.
 //! STATES-FILE may be `random:COUNT`. The operations are the arms of [`Program::operation`].
 
 mod protocol;
@@ -161,7 +161,15 @@ fn tree(path: &str) -> Result<Model, Failure> {
 /// A tree and its closures.
 fn closed(text: &str) -> Result<Model, Failure> {
     let mut lines = text.lines();
-    let mut model = tree(lines.next().ok_or("the file lacks its tree")?)?;
+    let model = tree(lines.next().ok_or("the file lacks its tree")?)?;
+    let gravity: Vec<f64> = lines
+        .next()
+        .ok_or("the file lacks its gravity")?
+        .split_ascii_whitespace()
+        .map(str::parse)
+        .collect::<Result<_, _>>()?;
+    let &[x, y, z] = &gravity[..] else { return Err("gravity is three numbers".into()) };
+    let mut model = model.with_gravity([x, y, z]);
     for line in lines {
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         let &[name, kind, ..] = &words[..] else { return Err("a closure lacks its kind".into()) };

@@ -9,8 +9,8 @@ use phipsi_closure::choose_tree;
 use phipsi_formats::urdf::{Mimic, UrdfOptions, urdf_builder_file};
 use phipsi_formats::{Note, Problem, Report, joint_kind};
 use phipsi_model::{
-    Base, Body, Coupling, Inertia, Joint, JointKind, Limits, Model, ModelBuilder, ModelErrors, Placement, Severity,
-    Subject,
+    Base, Body, Coupling, Inertia, Joint, JointKind, Limits, Model, ModelBuilder, ModelErrors, Placement,
+    Severity, Subject,
 };
 use phipsi_motion::MovingClosure;
 use phipsi_motion::forces::JointDissipation;
@@ -54,9 +54,8 @@ pub(crate) fn read(
         if let Some(word) = table.word("mimic", &["closure", "free"], report) {
             options.mimic = if word == "free" { Mimic::Free } else { Mimic::Closure };
         }
-        if table.word("tree", &["given", "chosen"], report) == Some("chosen") {
-            kept = Some(table.texts("keep", report).unwrap_or_default());
-        }
+        let keep = table.texts("keep", report).unwrap_or_default();
+        kept = (table.word("tree", &["given", "chosen"], report) == Some("chosen")).then_some(keep);
         let gravity = table.numbers::<3>("gravity", report);
         friction_speed = table.positive("friction_speed", false, report).unwrap_or(friction_speed);
         if let Some(urdf) = table.text("urdf", report) {
@@ -142,7 +141,9 @@ pub(crate) fn read(
     });
     match built {
         Ok(_) if !report.errors.is_empty() => Err(reports),
-        Ok((model, moving)) => Ok(Mechanism { model, files, reports, friction_speed, moving, molecule: None }),
+        Ok((model, moving)) => {
+            Ok(Mechanism { model, files, reports, friction_speed, moving, molecule: None })
+        }
         Err(errors) => {
             report.errors.extend(
                 errors
@@ -165,7 +166,13 @@ fn on_chosen_tree(
     for name in &kept {
         if model.find_joint(name).is_err() && !model.closures().iter().any(|c| c.name == *name) {
             let required = "the name of a joint or a closure";
-            report.errors.push(Problem::new(None, "model.keep", format!("`{name}`"), required, "correct the name"));
+            report.errors.push(Problem::new(
+                None,
+                "model.keep",
+                format!("`{name}`"),
+                required,
+                "correct the name",
+            ));
         }
     }
     kept.extend(closures.iter().filter(|c| !c.moving.is_empty()).map(|c| c.closure.name.clone()));
