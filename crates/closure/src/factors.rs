@@ -102,7 +102,7 @@ pub(crate) struct Factors<T: Scalar> {
     origin: Vec<usize>,
     /// Room for eliminations.
     sums: Vec<Arithmetic<T>>,
-    row_sizes: Vec<Arithmetic<T>>,
+    row_sizes: Vec<f64>,
 }
 
 /// What the rank of a loop is decided by.
@@ -151,7 +151,7 @@ impl<T: Real> Factors<T> {
             sharp: vec![1.0; structure.operations.len()],
             origin: origins(structure),
             sums: vec![Arithmetic::<T>::splat(0.0); most.1],
-            row_sizes: vec![Arithmetic::<T>::splat(0.0); most.0],
+            row_sizes: vec![0.0; most.0],
         }
     }
     /// Factors at the poses of `frames`; `active`: the prescribed degrees of freedom, none if missing.

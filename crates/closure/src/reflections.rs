@@ -31,7 +31,7 @@ pub(crate) struct Panel<'a, T> {
     pub(crate) pivots: &'a mut [usize],
     /// Room for a row, and for the size of every row.
     pub(crate) sums: &'a mut [T],
-    pub(crate) sizes: &'a mut [T],
+    pub(crate) sizes: &'a mut [f64],
 }
 
 impl<T: Scalar> Panel<'_, T> {
@@ -41,16 +41,13 @@ impl<T: Scalar> Panel<'_, T> {
         let Panel { a, width, rows, order, v, most, sizes, .. } = self;
         let (width, rows) = (*width, *rows);
         for row in first..rows {
-            let mut largest = T::zero();
-            for x in &a[row * width..][columns.clone()] {
-                largest = larger(largest, size(*x));
-            }
-            sizes[row] = largest;
+            let numbers = &a[row * width..][columns.clone()];
+            sizes[row] = numbers.iter().fold(0.0, |most: f64, x| most.max(x.min_lane().abs()));
         }
         for i in first..rows {
             let mut best = i;
             for row in i + 1..rows {
-                if sizes[row].min_lane() > sizes[best].min_lane() {
+                if sizes[row] > sizes[best] {
                     best = row;
                 }
             }
@@ -79,12 +76,10 @@ impl<T: Scalar> Panel<'_, T> {
         loop {
             let mut best = (usize::MAX, T::zero());
             // Columns of earlier steps are zero here.
-            self.sums[columns.clone()].fill(T::zero());
-            for row in t..self.rows {
-                let row = &self.a[row * self.width..][columns.clone()];
-                for (sum, x) in self.sums[columns.clone()].iter_mut().zip(row) {
-                    *sum = x.fma(*x, *sum);
-                }
+            let width = self.width;
+            self.sums[..width].fill(T::zero());
+            for row in self.a[t.min(self.rows) * width..self.rows * width].chunks_exact(width) {
+                add_squares(&mut self.sums[..width], row);
             }
             for c in columns.clone() {
                 if best.0 == usize::MAX || self.sums[c].min_lane() > best.1.min_lane() {
@@ -132,10 +127,10 @@ impl<T: Scalar> Panel<'_, T> {
             *v = row[pivot] * scale;
             add_scaled(sums, *v, row);
         }
-        for (x, sum) in first.iter_mut().zip(sums.iter_mut()) {
+        for sum in sums.iter_mut() {
             *sum *= beta;
-            *x -= *sum;
         }
+        add_scaled(first, -T::splat(1.0), sums);
         for (v, row) in v[t + 1..].iter().zip(lower.chunks_exact_mut(width)) {
             add_scaled(row, -*v, sums);
             row[pivot] = T::zero();
@@ -145,13 +140,21 @@ impl<T: Scalar> Panel<'_, T> {
     }
 }
 
-/// `to` += `factor` · `from`; both are whole numbers of groups.
+/// `to` += `factor` · `from`; both are whole numbers of groups, each read before it is written, so that it is one in registers.
 #[inline(always)]
 fn add_scaled<T: Scalar>(to: &mut [T], factor: T, from: &[T]) {
-    for (to, from) in to.chunks_exact_mut(GROUP).zip(from.chunks_exact(GROUP)) {
-        for i in 0..GROUP {
-            to[i] = factor.fma(from[i], to[i]);
-        }
+    for (to, from) in to.as_chunks_mut::<GROUP>().0.iter_mut().zip(from.as_chunks::<GROUP>().0) {
+        let ([a, b, c, d], [x, y, z, w]) = (*to, *from);
+        *to = [factor.fma(x, a), factor.fma(y, b), factor.fma(z, c), factor.fma(w, d)];
+    }
+}
+
+/// `to` += the squares of `from`, likewise.
+#[inline(always)]
+fn add_squares<T: Scalar>(to: &mut [T], from: &[T]) {
+    for (to, from) in to.as_chunks_mut::<GROUP>().0.iter_mut().zip(from.as_chunks::<GROUP>().0) {
+        let ([a, b, c, d], [x, y, z, w]) = (*to, *from);
+        *to = [x.fma(x, a), y.fma(y, b), z.fma(z, c), w.fma(w, d)];
     }
 }
 
