@@ -439,9 +439,9 @@ impl<T: Real> Solved<'_, T> {
     /// # Errors
     /// [`ClosureError::Dynamics`] for a wrong length.
     pub fn generalized_constraint_force(&self, out: &mut [T]) -> Result<(), ClosureError> {
-        let ClosedDynamics { structure, layout, factors, solution, .. } = &*self.dynamics;
+        let ClosedDynamics { structure, layout, frames, solution, .. } = &*self.dynamics;
         check_length("out", out, layout.nv())?;
-        solution.constraint_force(structure, layout, factors, out);
+        solution.constraint_force(structure, layout, frames, out);
         Ok(())
     }
     /// The generalised forces with what the prescribed degrees of freedom need for their accelerations. Arguments as those of the
@@ -459,9 +459,10 @@ impl<T: Real> Solved<'_, T> {
         out: &mut [T],
     ) -> Result<(), ClosureError> {
         check_length("tau", tau, self.dynamics.layout.nv())?;
-        let ClosedDynamics { structure, layout, factors, solution, inverse, work, .. } = &mut *self.dynamics;
+        let ClosedDynamics { structure, layout, frames, factors, solution, inverse, work, .. } =
+            &mut *self.dynamics;
         inverse.run(layout, q, v, acceleration, wrenches, out)?;
-        solution.constraint_force(structure, layout, factors, work);
+        solution.constraint_force(structure, layout, frames, work);
         for i in 0..tau.len() {
             out[i] = if factors.is_passive(i) { tau[i] } else { out[i] - work[i] };
         }

@@ -69,11 +69,8 @@ pub(crate) struct Factors<T: Scalar> {
     pub(crate) roots: Vec<Arithmetic<T>>,
     /// 1/U.
     pub(crate) inverses: Vec<Arithmetic<T>>,
-    /// C_r at every joint that a strand passes.
-    pub(crate) kept: Vec<Wrench<Arithmetic<T>>>,
-    /// C and C_r where the sweep is.
+    /// C where the sweep is.
     c: Vec<Wrench<Arithmetic<T>>>,
-    rigid: Vec<Wrench<Arithmetic<T>>>,
     /// Size that the rows of W could have, squared.
     squares: Vec<Arithmetic<T>>,
     /// Rows, W and X of the blocks.
@@ -129,9 +126,7 @@ impl<T: Real> Factors<T> {
             xi: vec![zero; layout.nv()],
             roots: vec![Arithmetic::<T>::splat(0.0); layout.nv()],
             inverses: vec![Arithmetic::<T>::splat(0.0); layout.nv()],
-            kept: vec![zero; structure.kept],
             c: vec![zero; structure.strand_rows],
-            rigid: vec![zero; structure.strand_rows],
             squares: vec![Arithmetic::<T>::splat(0.0); structure.rows],
             block_rows: vec![0; structure.blocks.len()],
             block_w: vec![Arithmetic::<T>::splat(0.0); structure.block_numbers],
@@ -183,7 +178,6 @@ impl<T: Real> Factors<T> {
         self.squares.fill(Arithmetic::<T>::splat(0.0));
         // Couplings begin with nothing.
         self.c.fill(Wrench::zero());
-        self.rigid.fill(Wrench::zero());
         self.redundant.clear();
         self.dropped.fill(false);
         self.rank = Rank { rank: 0, smallest: f64::INFINITY, gap: f64::INFINITY };
@@ -216,8 +210,7 @@ impl<T: Real> Factors<T> {
             let strand = structure.strands[s];
             let side = usize::from(structure.loops[strand.of].strands[1] == Some(s));
             for i in 0..structure.loops[strand.of].rows.len() {
-                let row = wrench(frames.strand_row(structure, strand.of, side, i));
-                (self.c[strand.first + i], self.rigid[strand.first + i]) = (row, row);
+                self.c[strand.first + i] = wrench(frames.strand_row(structure, strand.of, side, i));
             }
         }
     }
@@ -381,7 +374,6 @@ impl<T: Real> Factors<T> {
             let m = structure.loops[passing.of].rows.len();
             for i in strand.first..strand.first + m {
                 self.c[i] = pose.wrench_to_parent(self.c[i]);
-                self.rigid[i] = pose.wrench_to_parent(self.rigid[i]);
             }
         }
         let Some(operation) = station.join.map(|index| &structure.operations[index]) else { return };

@@ -10,7 +10,7 @@
 //! Poses and velocities are relative to the common ancestor, never to the world, so that a far or fast mechanism closes as
 //! well as one at rest; and both ends are compared at one point, so that a rigid motion of the ancestor opens nothing.
 
-use crate::number::Arithmetic;
+use crate::number::{Arithmetic, transform, wrench};
 use crate::rows::{MOST_ROWS, Relative};
 use crate::structure::{End, Loop, LoopKind, Structure};
 use phipsi_recursion::Layout;
@@ -26,7 +26,7 @@ pub(crate) struct Frames<T> {
     /// S of every loop.
     rows: Vec<[Wrench<T>; MOST_ROWS]>,
     /// Pose of a strand's end in each of its bodies.
-    along: Vec<Transform<T>>,
+    pub(crate) along: Vec<Transform<T>>,
     /// The largest residual of a loop, over the scene's length where it is one.
     pub(crate) errors: Vec<f64>,
     /// Frame c in the bodies of A and of B.
@@ -163,6 +163,25 @@ impl<T: Real> Frames<T> {
         let l = &structure.loops[of];
         let row = self.points[of][side].wrench_to_parent(self.rows[of][i]).scale(weight(structure, l, i));
         if side == 0 { -row } else { row }
+    }
+    /// Relative motion of the two ends of a loop at the origin of B, axes of A, from those of the frames A and B in their own axes.
+    #[inline(always)]
+    pub(crate) fn relative_motion(
+        &self,
+        of: usize,
+        inner: Motion<Arithmetic<T>>,
+        outer: Motion<Arithmetic<T>>,
+    ) -> Motion<Arithmetic<T>> {
+        let Relative { rotation, offset, .. } = self.relative[of];
+        let x = transform(&Transform::new(rotation, offset));
+        let angular = x.rotation * outer.angular - inner.angular;
+        let linear = x.rotation * outer.linear - (inner.linear + inner.angular.cross(x.translation));
+        Motion::new(angular, linear)
+    }
+    /// S of row i of a loop, axes of A.
+    #[inline(always)]
+    pub(crate) fn row(&self, of: usize, i: usize) -> Wrench<Arithmetic<T>> {
+        wrench(self.rows[of][i])
     }
     /// What the velocities add to the right-hand side of all rows (angular ones times the scene's length), and the size of the
     /// terms, which may cancel. `omega`: angular velocity of every body, its axes.

@@ -15,7 +15,7 @@
 use crate::factors::{Done, Factors};
 use crate::frames::{Frames, weight};
 use crate::number::{Arithmetic, larger, size, transform};
-use crate::structure::{Operation, Structure};
+use crate::structure::{LoopKind, Operation, Structure};
 use phipsi_recursion::Layout;
 use phipsi_recursion::layout::GROUND;
 use phipsi_spatial::{Kernel, Motion, Real, Scalar, Vec3, Wrench};
@@ -52,6 +52,8 @@ pub(crate) struct Solution<T: Scalar> {
     stack: Vec<Arithmetic<T>>,
     x: Vec<Arithmetic<T>>,
     alpha: Vec<Motion<Arithmetic<T>>>,
+    /// Σ X a over the bodies of a strand, at the frame of its end, in its axes; and Σ of their sizes.
+    carried: Vec<(Motion<Arithmetic<T>>, Arithmetic<T>)>,
     pub(crate) lambda: Vec<Arithmetic<T>>,
     /// Of conjugate gradients.
     direction: Vec<Arithmetic<T>>,
@@ -90,6 +92,7 @@ impl<T: Real> Solution<T> {
             stack: vec![o; most],
             x: vec![o; most],
             alpha: vec![Motion::zero(); layout.len()],
+            carried: vec![(Motion::zero(), o); structure.strands.len()],
             lambda: vec![o; structure.rows],
             direction: vec![o; structure.rows],
             gradient: vec![o; structure.rows],
@@ -132,16 +135,18 @@ impl<T: Real> Solution<T> {
         for (term, g) in self.sizes.iter_mut().zip(&self.g) {
             *term = larger(*term, size(*g));
         }
+        self.carried.fill((Motion::zero(), Arithmetic::<T>::splat(0.0)));
         // The ground comes last inward, and first outward.
         let ground = layout.len();
         for k in (0..ground).rev().chain([ground]) {
             for index in structure.stations[k].closes.clone() {
+                self.take_carried(structure, frames, index);
                 self.close(structure, factors, index, k);
             }
             if k == ground {
                 break;
             }
-            self.filter(structure, layout, factors, load, k);
+            self.filter(structure, layout, frames, factors, load, k);
             let parent = layout.bodies()[k].parent;
             if parent != GROUND {
                 let z = transform(&frames.poses[k]).wrench_to_parent(self.z[k]);
@@ -194,6 +199,23 @@ impl<T: Real> Solution<T> {
         if let Some(output) = operation.output {
             let block = structure.blocks[output].row;
             self.zeta[block..block + done.left].copy_from_slice(&self.x[done.rank..done.rank + done.left]);
+        }
+    }
+    /// g −= C_r a of all bodies of a loop.
+    #[inline(always)]
+    fn take_carried(&mut self, structure: &Structure<T>, frames: &Frames<T>, index: usize) {
+        let Some(of) = structure.operations[index].closes else { return };
+        let l = &structure.loops[of];
+        if matches!(l.kind, LoopKind::Gear { .. }) {
+            return;
+        }
+        let none = (Motion::zero(), Arithmetic::<T>::splat(0.0));
+        let [(inner, a), (outer, b)] = l.strands.map(|strand| strand.map_or(none, |s| self.carried[s]));
+        let (motion, term) = (frames.relative_motion(of, inner, outer), larger(a, b));
+        for (i, row) in l.rows.clone().enumerate() {
+            let weight = weight(structure, l, i).to_arithmetic();
+            self.g[row] -= motion.dot(frames.row(of, i)) * weight;
+            self.note(row, term);
         }
     }
     /// Closes a loop at body k: h, and what it adds to z and g.
@@ -252,6 +274,7 @@ impl<T: Real> Solution<T> {
         &mut self,
         structure: &Structure<T>,
         layout: &Layout<T>,
+        frames: &Frames<T>,
         factors: &Factors<T>,
         load: &Load<'_, Arithmetic<T>>,
         k: usize,
@@ -276,12 +299,12 @@ impl<T: Real> Solution<T> {
                 self.zeta[block.row + i] += a.dot(factors.block_x[block.x + i]);
             }
         }
+        let a_size = larger(most_of(a.angular) * Arithmetic::<T>::splat(structure.length), most_of(a.linear));
         for passing in &station.passes {
-            for (i, row) in structure.loops[passing.of].rows.clone().enumerate() {
-                let term = a.dot(factors.kept[passing.kept + i]);
-                self.g[row] -= term;
-                self.note(row, term);
-            }
+            let along = transform(&frames.along[passing.place]);
+            let (sum, size) = &mut self.carried[passing.strand];
+            *sum += along.motion_to_child(a);
+            *size = larger(*size, a_size);
         }
         self.z[k] += factors.inertia[k].times(a);
         let joined = station.join.map(|index| &structure.operations[index]);

@@ -68,8 +68,8 @@ pub(crate) struct Loop<T> {
 pub(crate) struct Passing {
     pub(crate) of: usize,
     pub(crate) strand: usize,
-    /// First of the m places where C_r of this strand is kept at this body.
-    pub(crate) kept: usize,
+    /// Place of this body among those of all strands.
+    pub(crate) place: usize,
     /// First column in the block that leaves the joint.
     pub(crate) column: usize,
     /// The parent is the ancestor: nothing of C goes there.
@@ -184,7 +184,6 @@ pub(crate) struct Structure<T> {
     /// Number of rows of all loops.
     pub(crate) rows: usize,
     /// Lengths of the arrays.
-    pub(crate) kept: usize,
     pub(crate) strand_rows: usize,
     pub(crate) block_rows: usize,
     pub(crate) block_numbers: usize,
@@ -213,7 +212,6 @@ impl<T: Real> Structure<T> {
             operations: Vec::new(),
             closings: Vec::new(),
             rows: 0,
-            kept: 0,
             strand_rows: 0,
             block_rows: 0,
             block_numbers: 0,
@@ -271,8 +269,13 @@ impl<T: Real> Structure<T> {
                 let mut k = start;
                 while k != ancestor {
                     let last = bodies[k].parent == ancestor;
-                    self.stations[k].passes.push(Passing { of, strand, kept: self.kept, column: 0, last });
-                    self.kept += m;
+                    self.stations[k].passes.push(Passing {
+                        of,
+                        strand,
+                        place: self.paths.len(),
+                        column: 0,
+                        last,
+                    });
                     self.paths.push(k);
                     self.strands[strand].bodies += 1;
                     k = bodies[k].parent;

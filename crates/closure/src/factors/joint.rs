@@ -24,12 +24,6 @@ impl<T: Real> Factors<T> {
         k: usize,
     ) -> Result<ArticulatedInertia<Arithmetic<T>>, DynamicsError> {
         let (body, station) = (&layout.bodies()[k], &structure.stations[k]);
-        for passing in &station.passes {
-            let strand = structure.strands[passing.strand];
-            let m = structure.loops[passing.of].rows.len();
-            let rigid = &self.rigid[strand.first..strand.first + m];
-            self.kept[passing.kept..passing.kept + m].copy_from_slice(rigid);
-        }
         let joined = station.join.map(|index| &structure.operations[index]);
         let mut rows = match joined {
             Some(operation) if operation.in_place => {

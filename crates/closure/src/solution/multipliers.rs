@@ -10,8 +10,8 @@
 
 use super::Solution;
 use crate::factors::Factors;
-use crate::frames::weight;
-use crate::number::Arithmetic;
+use crate::frames::{Frames, weight};
+use crate::number::{Arithmetic, transform, wrench};
 use crate::structure::{LoopKind, Structure};
 use phipsi_recursion::Layout;
 use phipsi_spatial::{Kernel, Real, Scalar, Wrench};
@@ -153,36 +153,47 @@ impl<T: Real> Solution<T> {
         &self,
         structure: &Structure<T>,
         layout: &Layout<T>,
-        factors: &Factors<T>,
+        frames: &Frames<T>,
         out: &mut [T],
     ) {
         let out = T::arithmetic_mut(out);
-        Arithmetic::<T>::dispatch(ConstraintForce { solution: self, structure, layout, factors, out });
+        Arithmetic::<T>::dispatch(ConstraintForce { solution: self, structure, layout, frames, out });
     }
     #[inline(always)]
     fn gather_force(
         &self,
         structure: &Structure<T>,
         layout: &Layout<T>,
-        factors: &Factors<T>,
+        frames: &Frames<T>,
         out: &mut [Arithmetic<T>],
     ) {
-        for (k, body) in layout.bodies().iter().enumerate() {
-            let station = &structure.stations[k];
-            let mut f = Wrench::zero();
-            for passing in &station.passes {
-                for (i, row) in structure.loops[passing.of].rows.clone().enumerate() {
-                    f = factors.kept[passing.kept + i].scale_add(self.lambda[row], f);
+        out.fill(Arithmetic::<T>::splat(0.0));
+        for (of, l) in structure.loops.iter().enumerate() {
+            if matches!(l.kind, LoopKind::Gear { .. }) {
+                continue;
+            }
+            for (side, strand) in l.strands.iter().enumerate() {
+                let Some(strand) = strand.map(|s| &structure.strands[s]) else { continue };
+                // The force on the end, moved inward body by body.
+                let mut f = Wrench::zero();
+                for (i, row) in l.rows.clone().enumerate() {
+                    let c = wrench(frames.strand_row(structure, of, side, i));
+                    f = c.scale_add(self.lambda[row], f);
+                }
+                for &k in &structure.paths[strand.path..strand.path + strand.bodies] {
+                    let body = &layout.bodies()[k];
+                    for i in 0..body.hinge.nv() {
+                        out[body.v + i] += body.hinge.project(i, &f);
+                    }
+                    f = transform(&frames.poses[k]).wrench_to_parent(f);
                 }
             }
-            for i in 0..body.hinge.nv() {
-                let mut force = body.hinge.project(i, &f);
-                for entry in station.entries.iter().filter(|e| e.component == i) {
-                    let l = &structure.loops[entry.of];
-                    let coefficient = (entry.coefficient * weight(structure, l, 0)).to_arithmetic();
-                    force += coefficient * self.lambda[l.rows.start];
-                }
-                out[body.v + i] = force;
+        }
+        for (station, body) in structure.stations.iter().zip(layout.bodies()) {
+            for entry in &station.entries {
+                let l = &structure.loops[entry.of];
+                let coefficient = (entry.coefficient * weight(structure, l, 0)).to_arithmetic();
+                out[body.v + entry.component] += coefficient * self.lambda[l.rows.start];
             }
         }
     }
@@ -219,7 +230,7 @@ struct ConstraintForce<'a, T: Real> {
     solution: &'a Solution<T>,
     structure: &'a Structure<T>,
     layout: &'a Layout<T>,
-    factors: &'a Factors<T>,
+    frames: &'a Frames<T>,
     out: &'a mut [Arithmetic<T>],
 }
 
@@ -227,7 +238,7 @@ impl<T: Real> Kernel for ConstraintForce<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run(self) {
-        self.solution.gather_force(self.structure, self.layout, self.factors, self.out);
+        self.solution.gather_force(self.structure, self.layout, self.frames, self.out);
     }
 }
 
