@@ -18,7 +18,7 @@ from .common import ARM, MOLECULE
 PACKAGE = Path(phipsi.__file__).parent
 
 #: Classes that are only returned: their class docstring says everything.
-RETURNED = {"AssemblyInfo", "FieldSamples", "Filtered", "ForwardInfo", "Note", "Operator", "Operators", "Problem", "Report", "RunError", "Smoothed", "State", "Trajectory", "WorstHinge"}
+RETURNED = {"AssemblyInfo", "ClosureProjection", "FieldSamples", "Filtered", "ForwardInfo", "Note", "Operator", "Operators", "Problem", "Report", "RunError", "Smoothed", "State", "Trajectory", "VelocityProjectionInfo", "WorstHinge"}
 
 
 def public_objects():

@@ -13,14 +13,14 @@
 use crate::error::{ClosureError, check_length};
 use crate::factors::{Factors, Redundant, Regard};
 use crate::frames::{Frames, weight};
-use crate::number::{motion, wrench};
+use crate::number::{Arithmetic, motion, wrench};
 use crate::solution::{Inconsistency, Load, Solution};
 use crate::structure::{LoopKind, Structure};
 use crate::tree::{Joint, Tree};
 use phipsi_model::Model;
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{InverseDynamics, Layout};
-use phipsi_spatial::{Motion, Real, Transform, Vec3, Wrench};
+use phipsi_spatial::{Kernel, Motion, Real, Scalar, Transform, Vec3, Wrench};
 use std::ops::Range;
 
 /// Positions, velocities and accelerations that closures are given at this instant: one number per row, rad and m.
@@ -254,26 +254,7 @@ impl<T: Real> ClosedDynamics<T> {
         self.check_passive(active)?;
         let trees = (&self.layout, &self.tree);
         self.factors.update(&self.structure, trees, &self.frames, active, Regard::Error)?;
-        self.solution.clear();
-        self.set_bias(q, v, conditions.wrenches);
-        let velocity_error = self.set_rates(v, conditions);
-        self.terms.fill(T::zero());
-        self.sizes.fill(T::zero());
-        self.frames.add_velocity_terms(
-            &self.structure,
-            |k| if k == GROUND { Vec3::zero() } else { self.omega[k] },
-            &mut self.terms,
-            &mut self.sizes,
-        );
-        if let Some(motion) = &conditions.motion {
-            for l in &self.structure.loops {
-                for (i, row) in l.rows.clone().enumerate() {
-                    self.terms[row] += weight(&self.structure, l, i) * motion.acceleration[row];
-                }
-            }
-        }
-        self.solution.g.copy_from_slice(T::arithmetic(&self.terms));
-        self.solution.sizes.copy_from_slice(T::arithmetic(&self.sizes));
+        let velocity_error = Arithmetic::<T>::dispatch(Rates { dynamics: self, state: (q, v), conditions });
         let [x, y, z] = self.layout.gravity().0;
         let load = Load {
             tau: Some(T::arithmetic(tau)),
@@ -312,6 +293,7 @@ impl<T: Real> ClosedDynamics<T> {
         Ok(())
     }
     /// Sets Jv − γ̇; returns the largest.
+    #[inline(always)]
     pub(crate) fn set_rates(&mut self, v: &[T], conditions: &Conditions<'_, T>) -> f64 {
         self.frames.set_velocity(&self.structure, &self.tree, v, &mut self.rates);
         if let Some(motion) = &conditions.motion {
@@ -323,13 +305,38 @@ impl<T: Real> ClosedDynamics<T> {
     }
     /// Refuses modes whose accelerations are given.
     pub(crate) fn check_passive(&self, active: Option<&[bool]>) -> Result<(), ClosureError> {
-        let modes = self.model.joint_nv()..self.layout.nv();
-        match modes.clone().find(|&i| active.is_some_and(|active| active[i])) {
+        let Some(active) = active else { return Ok(()) };
+        match (self.model.joint_nv()..self.layout.nv()).find(|&i| active[i]) {
             Some(i) => Err(ClosureError::PrescribedMode { mode: self.layout.joint_of_velocity(i).0.into() }),
             None => Ok(()),
         }
     }
+    /// Everything that velocities and wrenches give; returns the largest residual of the rates.
+    #[inline(always)]
+    fn set_motion(&mut self, (q, v): (&[T], &[T]), conditions: &Conditions<'_, T>) -> f64 {
+        self.set_bias(q, v, conditions.wrenches);
+        let velocity_error = self.set_rates(v, conditions);
+        self.terms.fill(T::zero());
+        self.sizes.fill(T::zero());
+        self.frames.add_velocity_terms(
+            &self.structure,
+            |k| if k == GROUND { Vec3::zero() } else { self.omega[k] },
+            &mut self.terms,
+            &mut self.sizes,
+        );
+        if let Some(motion) = &conditions.motion {
+            for l in &self.structure.loops {
+                for (i, row) in l.rows.clone().enumerate() {
+                    self.terms[row] += weight(&self.structure, l, i) * motion.acceleration[row];
+                }
+            }
+        }
+        self.solution.g.copy_from_slice(T::arithmetic(&self.terms));
+        self.solution.sizes.copy_from_slice(T::arithmetic(&self.sizes));
+        velocity_error
+    }
     /// Angular velocities, Coriolis accelerations and bias forces.
+    #[inline(always)]
     fn set_bias(&mut self, q: &[T], v: &[T], wrenches: Option<&[Wrench<T>]>) {
         for (k, body) in self.tree.bodies.iter().enumerate() {
             let rates = &v[body.v..body.v + body.nv];
@@ -428,6 +435,21 @@ impl<T: Real> ClosedDynamics<T> {
     }
 }
 
+struct Rates<'a, 'b, T: Real> {
+    dynamics: &'a mut ClosedDynamics<T>,
+    /// q and v.
+    state: (&'a [T], &'a [T]),
+    conditions: &'a Conditions<'b, T>,
+}
+
+impl<T: Real> Kernel for Rates<'_, '_, T> {
+    type Output = f64;
+    #[inline(always)]
+    fn run(self) -> f64 {
+        self.dynamics.set_motion(self.state, self.conditions)
+    }
+}
+
 /// The largest number.
 pub(crate) fn largest<T: Real>(x: &[T]) -> f64 {
     x.iter().fold(0.0f64, |most, x| most.max(x.abs().to_f64()))
@@ -470,9 +492,9 @@ impl<T: Real> Solved<'_, T> {
     /// # Errors
     /// [`ClosureError::Dynamics`] for a wrong length.
     pub fn generalized_constraint_force(&self, out: &mut [T]) -> Result<(), ClosureError> {
-        let ClosedDynamics { structure, layout, tree, factors, solution, .. } = &*self.dynamics;
+        let ClosedDynamics { structure, layout, tree, frames, solution, .. } = &*self.dynamics;
         check_length("out", out, layout.nv())?;
-        solution.constraint_force(structure, tree, factors, out);
+        solution.constraint_force(structure, tree, frames, out);
         Ok(())
     }
     /// The generalised forces with what the prescribed degrees of freedom need for their accelerations. Arguments as those of the
@@ -490,10 +512,10 @@ impl<T: Real> Solved<'_, T> {
         out: &mut [T],
     ) -> Result<(), ClosureError> {
         check_length("tau", tau, self.dynamics.layout.nv())?;
-        let ClosedDynamics { structure, layout, tree, factors, solution, inverse, work, .. } =
+        let ClosedDynamics { structure, layout, tree, frames, factors, solution, inverse, work, .. } =
             &mut *self.dynamics;
         inverse.run(layout, q, v, acceleration, wrenches, out)?;
-        solution.constraint_force(structure, tree, factors, work);
+        solution.constraint_force(structure, tree, frames, work);
         for i in 0..tau.len() {
             out[i] = if factors.is_passive(i) { tau[i] } else { out[i] - work[i] };
         }

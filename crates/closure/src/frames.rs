@@ -11,12 +11,13 @@
 //! Poses and velocities are relative to the common ancestor, never to the world, so that a far or fast mechanism closes as
 //! well as one at rest; and both ends are compared at one point, so that a rigid motion of the ancestor opens nothing.
 
+use crate::number::{Arithmetic, transform, wrench};
 use crate::rows::{MOST_ROWS, Relative};
 use crate::structure::{Loop, LoopKind, Structure};
 use crate::tree::{Joint, Tree};
 use phipsi_recursion::Layout;
 use phipsi_recursion::flexible::HeldBody;
-use phipsi_spatial::{Mat3, Motion, Quaternion, Real, Transform, Vec3, Wrench};
+use phipsi_spatial::{Kernel, Mat3, Motion, Quaternion, Real, Scalar, Transform, Vec3, Wrench};
 
 /// Where and how fast the ends of all loops are.
 #[derive(Clone, Debug)]
@@ -40,7 +41,7 @@ pub(crate) struct Frames<T> {
     /// S of every loop.
     rows: Vec<[Wrench<T>; MOST_ROWS]>,
     /// Pose of a strand's end in each of its bodies.
-    along: Vec<Transform<T>>,
+    pub(crate) along: Vec<Transform<T>>,
     /// The largest residual of a loop, over the scene's length where it is one.
     pub(crate) errors: Vec<f64>,
     /// Frame c in the bodies of A and of B.
@@ -76,6 +77,16 @@ impl<T: Real> Frames<T> {
     }
     /// Poses of bodies and ends, and the residual; `gamma`: one number per row, or none.
     pub(crate) fn set_position(
+        &mut self,
+        structure: &Structure<T>,
+        (layout, tree): (&Layout<T>, &Tree<T>),
+        q: &[T],
+        gamma: Option<&[T]>,
+    ) {
+        Arithmetic::<T>::dispatch(Place { frames: self, structure, layout, tree, q, gamma });
+    }
+    #[inline(always)]
+    fn place(
         &mut self,
         structure: &Structure<T>,
         (layout, tree): (&Layout<T>, &Tree<T>),
@@ -176,6 +187,7 @@ impl<T: Real> Frames<T> {
         }
     }
     /// Pose of an end in the ancestor of its loop.
+    #[inline(always)]
     fn in_ancestor(
         &mut self,
         structure: &Structure<T>,
@@ -193,6 +205,7 @@ impl<T: Real> Frames<T> {
         pose
     }
     /// Velocity of an end against the ancestor of its loop, of the end's origin, in its axes.
+    #[inline(always)]
     fn twist(
         &self,
         structure: &Structure<T>,
@@ -224,6 +237,7 @@ impl<T: Real> Frames<T> {
         screws.iter().zip(x).fold(Motion::zero(), |sum, (screw, x)| sum + screw.scale(*x))
     }
     /// The relative twists at velocities `v`, and their rows: `rates` gets S (ω, ḋ) of all rows, rad/s and m/s.
+    #[inline(always)]
     pub(crate) fn set_velocity(
         &mut self,
         structure: &Structure<T>,
@@ -251,13 +265,34 @@ impl<T: Real> Frames<T> {
         }
     }
     /// C_r of a strand where it begins: rows on the acceleration of its body, ± S X(c ← body).
+    #[inline(always)]
     pub(crate) fn strand_row(&self, structure: &Structure<T>, of: usize, side: usize, i: usize) -> Wrench<T> {
         let l = &structure.loops[of];
         let row = self.points[of][side].wrench_to_parent(self.rows[of][i]).scale(weight(structure, l, i));
         if side == 0 { -row } else { row }
     }
+    /// Relative motion of the two ends of a loop at the origin of B, axes of A, from those of the frames A and B in their own axes.
+    #[inline(always)]
+    pub(crate) fn relative_motion(
+        &self,
+        of: usize,
+        inner: Motion<Arithmetic<T>>,
+        outer: Motion<Arithmetic<T>>,
+    ) -> Motion<Arithmetic<T>> {
+        let Relative { rotation, offset, .. } = self.relative[of];
+        let x = transform(&Transform::new(rotation, offset));
+        let angular = x.rotation * outer.angular - inner.angular;
+        let linear = x.rotation * outer.linear - (inner.linear + inner.angular.cross(x.translation));
+        Motion::new(angular, linear)
+    }
+    /// S of row i of a loop, axes of A.
+    #[inline(always)]
+    pub(crate) fn row(&self, of: usize, i: usize) -> Wrench<Arithmetic<T>> {
+        wrench(self.rows[of][i])
+    }
     /// What the velocities add to the right-hand side of all rows (angular ones times the scene's length), and the size of the
     /// terms, which may cancel. `omega`: angular velocity of every body, its axes.
+    #[inline(always)]
     pub(crate) fn add_velocity_terms(
         &self,
         structure: &Structure<T>,
@@ -293,6 +328,7 @@ impl<T: Real> Frames<T> {
         }
     }
     /// The largest residual of a loop, over the scene's length where it is one.
+    #[inline(always)]
     fn relative_error(&self, structure: &Structure<T>, l: &Loop<T>) -> f64 {
         let residual = &self.residual[l.rows.clone()];
         let over = |(i, x): (usize, &T)| {
@@ -303,7 +339,25 @@ impl<T: Real> Frames<T> {
     }
 }
 
+struct Place<'a, T: Real> {
+    frames: &'a mut Frames<T>,
+    structure: &'a Structure<T>,
+    layout: &'a Layout<T>,
+    tree: &'a Tree<T>,
+    q: &'a [T],
+    gamma: Option<&'a [T]>,
+}
+
+impl<T: Real> Kernel for Place<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run(self) {
+        self.frames.place(self.structure, (self.layout, self.tree), self.q, self.gamma);
+    }
+}
+
 /// What row i of a loop is multiplied with: the scene's length, if it is an angle.
+#[inline(always)]
 pub(crate) fn weight<T: Real>(structure: &Structure<T>, l: &Loop<T>, i: usize) -> T {
     if i < l.angular { T::splat(structure.length) } else { T::one() }
 }

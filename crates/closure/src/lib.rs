@@ -24,6 +24,7 @@ mod rows;
 mod solution;
 mod structure;
 mod tree;
+pub mod tree_choice;
 
 pub use assembly::{PositionProjection, VelocityProjection};
 pub use closed_dynamics::{ClosedDynamics, ClosedInfo, ClosureMotion, Conditions, Prescribed, Solved};
@@ -32,3 +33,4 @@ pub use error::ClosureError;
 pub use factors::Redundant;
 pub use projection::Projection;
 pub use solution::Inconsistency;
+pub use tree_choice::{TreeChoice, choose_tree};

@@ -5,3 +5,4 @@ mod allocation;
 mod flexible;
 mod identities;
 mod mechanisms;
+mod tree_choice;

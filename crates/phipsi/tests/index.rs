@@ -25,7 +25,7 @@ const SUPPORT: [&str; 16] = [
 ];
 
 /// Algorithms of `closure`: all of its public files. The dense twin of the first judges the others, too.
-const CLOSURE: [&str; 4] = ["closed_dynamics", "assembly", "projection", "cut_joints"];
+const CLOSURE: [&str; 5] = ["closed_dynamics", "assembly", "projection", "cut_joints", "tree_choice"];
 
 /// Files of `closure` that hold parts of those, or none.
 const CLOSURE_SUPPORT: [&str; 10] =

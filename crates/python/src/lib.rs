@@ -6,7 +6,7 @@
 //! | `model`, `dynamics`, `derivatives`, `hybrid`, `freeflight`, `kinematics`, `jacobians`, `velocities` | methods of the class `Model` |
 //! | `operators`, `estimation` | `phipsi.operators`: the classes `Operators` and `Operator` |
 //! | `flexible` | the class `FlexibleBody`, and methods of the class `Model` about modes |
-//! | `closure` | methods of the class `Model` about loops |
+//! | `closure`, `closure_projection` | methods of the class `Model` about loops; the class `ClosureProjection` |
 //! | `molecule` | methods of the class `System`: energies and forces of molecules |
 //! | `torsion_model`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
 //! | `simulate`, `trajectory`, `simulator` | motion |
@@ -14,6 +14,7 @@
 
 mod batch;
 mod closure;
+mod closure_projection;
 mod clustering;
 mod derivatives;
 mod dynamics;
@@ -61,6 +62,8 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<jacobians::OperationalSpaceInfo>()?;
     m.add_class::<jacobians::InverseKinematicsInfo>()?;
     m.add_class::<closure::AssemblyInfo>()?;
+    m.add_class::<closure_projection::VelocityProjectionInfo>()?;
+    m.add_class::<closure_projection::ClosureProjection>()?;
     m.add_class::<trajectory::Trajectory>()?;
     m.add_class::<trajectory::RunError>()?;
     m.add_class::<simulator::Simulator>()?;

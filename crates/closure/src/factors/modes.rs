@@ -93,7 +93,7 @@ impl<T: Real> Factors<T> {
                 for j in 0..m {
                     sum -= L[l * n + j] * L[m * n + j];
                 }
-                let x = sum / L[m * n + m];
+                let x = sum * self.inverses[v + m];
                 L[l * n + m] = x;
                 xi -= self.xi[v + m].scale(x);
             }
@@ -105,9 +105,10 @@ impl<T: Real> Factors<T> {
                 return Err((l, D.min_lane()));
             }
             let root = D.sqrt();
+            let inverse = root.recip();
             L[l * n + l] = root;
-            xi = xi.scale(root.recip());
-            (self.xi[v + l], self.roots[v + l]) = (xi, root);
+            xi = xi.scale(inverse);
+            (self.xi[v + l], self.roots[v + l], self.inverses[v + l]) = (xi, root, inverse);
             P.subtract_outer(xi, xi);
         }
         if let Some(index) = structure.stations[k].join {
@@ -126,32 +127,40 @@ impl<T: Real> Factors<T> {
         row: usize,
     ) {
         let (operation, passes) = (&structure.operations[index], &structure.stations[k].passes);
+        let L = &self.modes[i].L;
         let n = self.modes[i].W.len();
-        let place = |column: usize| operation.number + column * operation.most + row;
+        let block = operation.output.filter(|_| operation.in_place).map(|b| &structure.blocks[b]);
+        let (width, rows) = match block {
+            Some(block) => (block.width, &mut self.block_w[block.number + row * block.width..]),
+            None => (operation.width, &mut self.matrix[operation.number + row * operation.width..]),
+        };
+        let rows = &mut rows[..n * width];
+        rows.fill(Arithmetic::<T>::splat(0.0));
         for passing in passes {
-            let (strand, rows) = (structure.strands[passing.strand], &structure.loops[passing.of].rows);
-            for j in 0..rows.len() {
-                let (c, rigid) = (self.c[strand.first + j], self.rigid[strand.first + j]);
+            let (strand, of) = (structure.strands[passing.strand], &structure.loops[passing.of].rows);
+            for j in 0..of.len() {
+                let c = self.c[strand.first + j];
                 for l in 0..n {
                     let screw = motion(frames.screws[passing.attached + l]);
-                    self.kept_modes[passing.kept_modes + j * n + l] = screw.dot(rigid);
-                    self.matrix[place(passing.column + j) + l] += screw.dot(c);
+                    rows[l * width + passing.column + j] += screw.dot(c);
                     let turned = screw.angular.dot(screw.angular) * c.moment.dot(c.moment);
                     let moved = screw.linear.dot(screw.linear) * c.force.dot(c.force);
-                    let root = self.roots[v + l];
-                    self.squares[rows.start + j] += (turned + moved) / (root * root);
+                    let inverse = self.inverses[v + l];
+                    self.squares[of.start + j] += (turned + moved) * (inverse * inverse);
                 }
             }
         }
-        for column in 0..operation.others {
-            let w = &mut self.matrix[place(column)..][..n];
-            let L = &self.modes[i].L;
-            for l in 0..n {
-                let mut sum = w[l];
-                for m in 0..l {
-                    sum -= L[l * n + m] * w[m];
+        for l in 0..n {
+            let (upper, lower) = rows.split_at_mut(l * width);
+            let w = &mut lower[..operation.others];
+            for (m, above) in upper.chunks_exact(width).enumerate() {
+                let factor = L[l * n + m];
+                for (w, above) in w.iter_mut().zip(above) {
+                    *w -= factor * *above;
                 }
-                w[l] = sum / L[l * n + l];
+            }
+            for w in w {
+                *w *= self.inverses[v + l];
             }
         }
         // Where both strands of a loop meet here nothing of C is needed any more.
@@ -159,14 +168,14 @@ impl<T: Real> Factors<T> {
             let strand = structure.strands[passing.strand];
             for j in 0..structure.loops[passing.of].rows.len() {
                 for l in 0..n {
-                    let w = self.matrix[place(passing.column + j) + l];
+                    let w = rows[l * width + passing.column + j];
                     self.c[strand.first + j] -= self.xi[v + l].scale(w);
                 }
             }
         }
-        for l in 0..n {
-            for (j, x) in self.xi[v + l].to_array().into_iter().enumerate() {
-                self.matrix[place(operation.others + j) + l] = x;
+        if block.is_none() {
+            for (l, row) in rows.chunks_exact_mut(width).enumerate() {
+                row[operation.others..operation.others + 6].copy_from_slice(&self.xi[v + l].to_array());
             }
         }
     }

@@ -22,11 +22,8 @@ impl<T: Real> Solution<T> {
         k: usize,
         (i, v, n): (usize, usize, usize),
     ) {
-        let station = &structure.stations[k];
-        let rows = match station.join {
-            Some(index) => self.gather(structure, factors, &structure.operations[index]),
-            None => 0,
-        };
+        let join = structure.stations[k].join;
+        let own = self.enter(structure, factors, join.map(|index| &structure.operations[index]));
         let L = &factors.modes[i].L;
         for l in 0..n {
             let tau = load.tau.map_or(Arithmetic::<T>::splat(0.0), |tau| tau[v + l]);
@@ -34,14 +31,12 @@ impl<T: Real> Solution<T> {
             for m in 0..l {
                 s -= L[l * n + m] * self.s[v + m];
             }
-            s /= L[l * n + l];
+            s *= factors.inverses[v + l];
             self.s[v + l] = s;
             self.z[k] = factors.xi[v + l].scale_add(s, self.z[k]);
-            if station.join.is_some() {
-                self.stack[rows + l] = -s;
-            }
+            self.set_residual(own, l, -s);
         }
-        if let Some(index) = station.join {
+        if let Some(index) = join.filter(|&index| !structure.operations[index].in_place) {
             self.turn(structure, factors, &structure.operations[index], &factors.done[index]);
         }
     }
@@ -56,18 +51,14 @@ impl<T: Real> Solution<T> {
         alpha: Motion<Arithmetic<T>>,
         out: &mut [Arithmetic<T>],
     ) {
-        let row = self.part(structure, factors, k);
-        let joined = structure.stations[k].join.is_some();
+        let own = self.part(structure, factors, k);
         let L = &factors.modes[i].L;
         for l in (0..n).rev() {
-            let mut sum = self.s[v + l] - alpha.dot(factors.xi[v + l]);
-            if joined {
-                sum += self.stack[row + l];
-            }
+            let mut sum = self.residual(own, l) - alpha.dot(factors.xi[v + l]) + self.s[v + l];
             for m in l + 1..n {
                 sum -= L[m * n + l] * out[v + m];
             }
-            out[v + l] = sum / L[l * n + l];
+            out[v + l] = sum * factors.inverses[v + l];
         }
         self.alpha[k] = alpha;
     }

@@ -11,6 +11,7 @@ kJ/mol: ``phipsi.molecule``. Operators of the algebra: ``phipsi.operators``.
 from . import interop, molecule
 from ._native import (
     AssemblyInfo,
+    ClosureProjection,
     FieldSamples,
     Filtered,
     FlexibleBody,
@@ -27,6 +28,7 @@ from ._native import (
     Simulator,
     Smoothed,
     Trajectory,
+    VelocityProjectionInfo,
     WorstHinge,
     __version__,
     operators,
@@ -39,6 +41,7 @@ __all__ = [
     "ArgumentError",
     "ArgumentTypeError",
     "AssemblyInfo",
+    "ClosureProjection",
     "Error",
     "FieldSamples",
     "Filtered",
@@ -59,6 +62,7 @@ __all__ = [
     "Smoothed",
     "State",
     "Trajectory",
+    "VelocityProjectionInfo",
     "WorstHinge",
     "__version__",
     "interop",

@@ -9,6 +9,7 @@ from .state import State
 
 __all__ = [
     "AssemblyInfo",
+    "ClosureProjection",
     "FieldSamples",
     "Filtered",
     "FlexibleBody",
@@ -29,6 +30,7 @@ __all__ = [
     "System",
     "TorsionModel",
     "Trajectory",
+    "VelocityProjectionInfo",
     "WorstHinge",
     "__version__",
     "operators",
@@ -111,6 +113,8 @@ class ForwardInfo:
     def near_singular(self) -> bool | NDArray[np.bool_] | None: ...
     @property
     def redundant(self) -> list[str] | None: ...
+    @property
+    def inconsistency(self) -> str | None: ...
 
 @final
 class AssemblyInfo:
@@ -118,6 +122,22 @@ class AssemblyInfo:
     def closure_residual(self) -> float | NDArray[np.float64]: ...
     @property
     def iterations(self) -> int | NDArray[np.int64]: ...
+
+@final
+class VelocityProjectionInfo:
+    @property
+    def velocity_residual(self) -> float | NDArray[np.float64]: ...
+    @property
+    def energy_removed(self) -> float | NDArray[np.float64]: ...
+    @property
+    def rank(self) -> int | NDArray[np.int64]: ...
+
+@final
+class ClosureProjection:
+    @property
+    def rank(self) -> int: ...
+    def apply(self, x: ArrayLike) -> NDArray[np.float64]: ...
+    def solve(self, x: ArrayLike) -> NDArray[np.float64]: ...
 
 @final
 class OperationalSpaceInfo:
@@ -201,6 +221,7 @@ class Model:
         wrenches: dict[str, ArrayLike] | None = None,
         form: Literal["auto", "plain", "refined", "square_root", "double_double"] = "auto",
         info: Literal[False] = False,
+        closure_motion: dict[str, ArrayLike] | None = None,
     ) -> NDArray[np.float64]: ...
     @overload
     def forward_dynamics(
@@ -212,6 +233,7 @@ class Model:
         form: Literal["auto", "plain", "refined", "square_root", "double_double"] = "auto",
         *,
         info: Literal[True],
+        closure_motion: dict[str, ArrayLike] | None = None,
     ) -> tuple[NDArray[np.float64], ForwardInfo]: ...
     def close_loop(
         self,
@@ -236,6 +258,12 @@ class Model:
     @property
     def closure_names(self) -> list[str]: ...
     def assemble(self, q: ArrayLike) -> tuple[NDArray[np.float64], AssemblyInfo]: ...
+    def project_position(self, q: ArrayLike) -> tuple[NDArray[np.float64], AssemblyInfo]: ...
+    def project_velocity(
+        self, q: ArrayLike, v: ArrayLike
+    ) -> tuple[NDArray[np.float64], VelocityProjectionInfo]: ...
+    def closure_projection(self, q: ArrayLike) -> ClosureProjection: ...
+    def choose_tree(self, keep: Sequence[str] = ()) -> str: ...
     @overload
     def closure_residual(self, q: ArrayLike, v: None = None) -> NDArray[np.float64]: ...
     @overload

@@ -1,15 +1,16 @@
 //! The mechanism of a scene: a URDF file, bodies and joints written in the scene, or both.
 
 use super::SceneFile;
-use super::closure;
+use super::closure::{self, ReadClosure};
 use super::flexible::{Files, read_flexible};
 use super::molecule::MoleculeScene;
 use super::tree::{Table, Value, suggestion};
+use phipsi_closure::choose_tree;
 use phipsi_formats::urdf::{Mimic, UrdfOptions, urdf_builder_file};
 use phipsi_formats::{Note, Problem, Report, joint_kind};
 use phipsi_model::{
-    Base, Body, Coupling, Inertia, Joint, JointKind, Limits, Model, ModelBuilder, Placement, Severity,
-    Subject,
+    Base, Body, Coupling, Inertia, Joint, JointKind, Limits, Model, ModelBuilder, ModelErrors, Placement,
+    Severity, Subject,
 };
 use phipsi_motion::MovingClosure;
 use phipsi_motion::forces::JointDissipation;
@@ -43,6 +44,8 @@ pub(crate) fn read(
     let mut builder = ModelBuilder::new("scene");
     let mut options = UrdfOptions::default();
     let mut friction_speed = JointDissipation::SPEED;
+    // Names that stay what they are where the tree is chosen; `None`: the tree is the given one.
+    let mut kept: Option<Vec<String>> = None;
     let has_bodies = scene.has("body");
     if let Some(mut table) = scene.table("model", report) {
         if let Some(word) = table.word("base", &["fixed", "free"], report) {
@@ -51,6 +54,8 @@ pub(crate) fn read(
         if let Some(word) = table.word("mimic", &["closure", "free"], report) {
             options.mimic = if word == "free" { Mimic::Free } else { Mimic::Closure };
         }
+        let keep = table.texts("keep", report).unwrap_or_default();
+        kept = (table.word("tree", &["given", "chosen"], report) == Some("chosen")).then_some(keep);
         let gravity = table.numbers::<3>("gravity", report);
         friction_speed = table.positive("friction_speed", false, report).unwrap_or(friction_speed);
         if let Some(urdf) = table.text("urdf", report) {
@@ -131,8 +136,15 @@ pub(crate) fn read(
     if !report.errors.is_empty() || reports.iter().any(|r| !r.errors.is_empty()) {
         return Err(reports);
     }
-    match builder.build() {
-        Ok(model) => Ok(Mechanism { model, files, reports, friction_speed, moving, molecule: None }),
+    let built = builder.build().and_then(|model| match kept {
+        Some(kept) => on_chosen_tree(&model, kept, &closures, report),
+        None => Ok((model, moving)),
+    });
+    match built {
+        Ok(_) if !report.errors.is_empty() => Err(reports),
+        Ok((model, moving)) => {
+            Ok(Mechanism { model, files, reports, friction_speed, moving, molecule: None })
+        }
         Err(errors) => {
             report.errors.extend(
                 errors
@@ -143,6 +155,37 @@ pub(crate) fn read(
             Err(reports)
         }
     }
+}
+
+/// The model on the tree that its loops ask for, with its moving closures, which stay closures.
+fn on_chosen_tree(
+    model: &Model,
+    mut kept: Vec<String>,
+    closures: &[ReadClosure],
+    report: &mut Report,
+) -> Result<(Model, Vec<MovingClosure>), ModelErrors> {
+    for name in &kept {
+        if model.find_joint(name).is_err() && !model.closures().iter().any(|c| c.name == *name) {
+            let required = "the name of a joint or a closure";
+            report.errors.push(Problem::new(
+                None,
+                "model.keep",
+                format!("`{name}`"),
+                required,
+                "correct the name",
+            ));
+        }
+    }
+    kept.extend(closures.iter().filter(|c| !c.moving.is_empty()).map(|c| c.closure.name.clone()));
+    let names: Vec<&str> = kept.iter().map(String::as_str).collect();
+    let choice = choose_tree(model, &names)?;
+    report.used.push(Note::new(None, "tree", choice.to_string()));
+    let mut moving = closure::moving(closures, 0);
+    for m in &mut moving {
+        let name = &closures[m.closure].closure.name;
+        m.closure = choice.model.closures().iter().position(|c| c.name == *name).unwrap_or(m.closure);
+    }
+    Ok((choice.model, moving))
 }
 
 /// `{ xyz = […], rpy = […] }`; zeros where missing.
