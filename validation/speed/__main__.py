@@ -11,8 +11,8 @@ import sys
 from pathlib import Path
 
 from . import build, page, python, report
-from .models import NAMES, LeftOut, open_case
-from .programs import OPERATIONS, OTHERS, Phipsi
+from .models import CLOSED_NAMES, NAMES, LeftOut, open_case, open_closed_case
+from .programs import CLOSED, OPERATIONS, OTHERS, Phipsi
 from .timer import TimerError
 
 _EPILOG = """
@@ -28,7 +28,10 @@ def _words(text: str) -> list[str]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m validation.speed", description=__doc__.splitlines()[0], epilog=_EPILOG)
     parser.add_argument("--models", type=_words, default=NAMES, help=f"names or URDF files (default {','.join(NAMES)})")
-    parser.add_argument("--only", type=_words, default=OPERATIONS, help=f"operations (default {','.join(OPERATIONS)})")
+    parser.add_argument(
+        "--closed", type=_words, default=CLOSED_NAMES, help=f"models with loops (default {','.join(CLOSED_NAMES)}; \"\": none)"
+    )
+    parser.add_argument("--only", type=_words, default=[*OPERATIONS, CLOSED], help=f"operations (default {','.join([*OPERATIONS, CLOSED])})")
     others = [program.name for program in OTHERS]
     parser.add_argument("--against", type=_words, default=others, help=f"programs (default {','.join(others)})")
     parser.add_argument("--rounds", type=int, default=15, help="turns of each side (default 15)")
@@ -41,7 +44,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _check(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
-    for what, allowed in (("only", OPERATIONS), ("against", [program.name for program in OTHERS])):
+    for what, allowed in (("only", [*OPERATIONS, CLOSED]), ("against", [program.name for program in OTHERS])):
         for word in getattr(given, what):
             if word not in allowed:
                 parser.error(f"--{what}: there is no {word!r}; there are: {', '.join(allowed)}")
@@ -84,17 +87,23 @@ def main(arguments: list[str] | None = None) -> int:
         for built in program.built.values():
             run.describe(program.name, built)
     try:
-        for name in given.models:
-            case = open_case(name, folder)
+        tree_operations = [operation for operation in given.only if operation != CLOSED]
+        cases = [(open_case, name, tree_operations) for name in given.models if tree_operations]
+        if CLOSED in given.only:
+            cases += [(open_closed_case, name, [CLOSED]) for name in given.closed]
+        for opened, name, operations in cases:
+            case = opened(name, folder)
             ours.start(case)
             present = []
             for program in others:
+                if not any(report.single(operation) in program.operations for operation in operations):
+                    continue
                 try:
                     program.start(case)
                     present.append(program)
                 except LeftOut as reason:
                     run.leave_out(program.name, case.name, str(reason))
-            for operation in given.only:
+            for operation in operations:
                 run.compare(case, operation, ours, present)
         if not (given.quick or given.comparison):
             run.long_chains(ours)

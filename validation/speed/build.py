@@ -27,6 +27,7 @@ _PINOCCHIO = (
 FAMILIES = {
     "forward": ("forward_dynamics",),
     "inverse": ("inverse_dynamics", "mass_matrix", "mass_matrix_inverse", "jacobian", "centroidal"),
+    "loops": ("closed_forward_dynamics",),
     "derivatives": ("inverse_dynamics_derivatives", "forward_dynamics_derivatives"),
 }
 
@@ -158,7 +159,7 @@ def simbody(cache: Path) -> Built:
 def phipsi(cache: Path) -> Built:
     """This workspace's example, as a published build would be: the instruction level is chosen at run time."""
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    features = ["--no-default-features", "--features", "formats"]
+    features = ["--no-default-features", "--features", "formats,closure"]
     _cargo(["build", "--release", "-p", "phipsi", "--example", "speed", *features, "--target-dir", str(target)], "phipsi")
     commit = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True).stdout
     version = f"0.1.0 {commit.strip()}".strip()

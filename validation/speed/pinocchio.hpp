@@ -2,7 +2,8 @@
 //
 // Line "gravity X Y Z", line "target I" (the joint whose body's Jacobian is taken), then for each joint in Pinocchio's order:
 // TYPE PARENT, rotation by rows and translation of its placement, its axis, mass, lever, inertia about the centre of mass
-// (xx xy yy xz yz zz). The wheel's URDF parser is not linked: Eigen's alignment differs under -march=native.
+// (xx xy yy xz yz zz); then "closure KIND" for each closed loop, KIND spherical or weld, and for both of its frames the joint that
+// carries it, rotation by rows and translation. The wheel's URDF parser is not linked: Eigen's alignment differs under -march=native.
 #pragma once
 
 #include "protocol.h"
@@ -23,6 +24,16 @@ static std::unique_ptr<pin::Data> data;
 static size_t target;
 static std::vector<Vector> q, v, tau, acceleration;
 
+struct Closure {
+  bool is_weld;
+  size_t joint[2];
+  pin::SE3 pose[2];
+};
+static std::vector<Closure> closures;
+
+// What a timer does once per model with its closures, if anything.
+static void (*close_loops)() = nullptr;
+
 static pin::JointModel joint_of(const std::string &type, const Eigen::Vector3d &axis) {
   if (type == "JointModelRX") return pin::JointModelRX();
   if (type == "JointModelRY") return pin::JointModelRY();
@@ -40,6 +51,10 @@ static pin::JointModel joint_of(const std::string &type, const Eigen::Vector3d &
   throw std::string("unknown joint type ") + type;
 }
 
+static pin::SE3 pose_of(const double *x) {
+  return pin::SE3(Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(x), Eigen::Vector3d(x + 9));
+}
+
 static const char *load(std::istream &file) {
   static std::string wrong;
   model = std::make_unique<pin::Model>();
@@ -49,17 +64,32 @@ static const char *load(std::istream &file) {
   model->gravity.linear() = gravity;
   if (!(file >> word >> target)) return "the model lacks its target";
   std::string type;
-  for (size_t parent; file >> type >> parent;) {
+  closures.clear();
+  while (file >> type) {
     double x[25];
+    if (type == "closure") {
+      Closure closure;
+      file >> word;
+      closure.is_weld = word == "weld";
+      for (int side = 0; side < 2; side++) {
+        file >> closure.joint[side];
+        for (int i = 0; i < 12; i++) file >> x[i];
+        if (!file || closure.joint[side] >= (size_t)model->njoints) return "a closure ends early or hangs on no joint";
+        closure.pose[side] = pose_of(x);
+      }
+      closures.push_back(closure);
+      continue;
+    }
+    size_t parent;
+    if (!(file >> parent)) return "a joint lacks its parent";
     for (double &number : x)
       if (!(file >> number)) return "the model ends early";
-    Eigen::Matrix3d rotation = Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(x);
-    Eigen::Vector3d translation(x + 9), axis(x + 12), lever(x + 16);
+    Eigen::Vector3d axis(x + 12), lever(x + 16);
     Eigen::Matrix3d inertia;
     inertia << x[19], x[20], x[22], x[20], x[21], x[23], x[22], x[23], x[24];
     try {
       const auto name = "joint" + std::to_string(model->njoints);
-      const auto joint = model->addJoint(parent, joint_of(type, axis), pin::SE3(rotation, translation), name);
+      const auto joint = model->addJoint(parent, joint_of(type, axis), pose_of(x), name);
       model->appendBodyToJoint(joint, pin::Inertia(x[15], lever, inertia), pin::SE3::Identity());
     } catch (const std::string &reason) {
       wrong = reason;
@@ -70,6 +100,7 @@ static const char *load(std::istream &file) {
   if (target >= (size_t)model->njoints) return "the target is no joint of the model";
   model->addFrame(pin::Frame("target", target, 0, pin::SE3::Identity(), pin::OP_FRAME));
   data = std::make_unique<pin::Data>(*model);
+  if (close_loops) close_loops();
   return nullptr;
 }
 

@@ -26,6 +26,8 @@ OPERATIONS = (
     "forward_dynamics inverse_dynamics mass_matrix mass_matrix_inverse inverse_dynamics_derivatives "
     "forward_dynamics_derivatives jacobian centroidal forward_dynamics_batch derivatives_batch"
 ).split()
+#: What is timed of models with closed loops.
+CLOSED = "closed_forward_dynamics"
 SINGLE = {"forward_dynamics_batch": "forward_dynamics", "derivatives_batch": "forward_dynamics_derivatives"}
 
 Pair = tuple[np.ndarray, np.ndarray]
@@ -35,6 +37,8 @@ class Program:
     """A program other than phipsi, with no model yet."""
 
     name = ""
+    #: Relative difference of results that passes.
+    bound = BOUND
     #: The names of an operation's variants in the timer, of which the fastest counts.
     operations: dict[str, tuple[str, ...]] = {}
 
@@ -91,6 +95,7 @@ class Pinocchio(Program):
         "forward_dynamics_derivatives": ("forward_dynamics_derivatives",),
         "jacobian": ("jacobian:all", "jacobian:path"),
         "centroidal": ("centroidal",),
+        CLOSED: (f"{CLOSED}:cholesky",),
     }
 
     def part(self, operation: str) -> str:
@@ -111,7 +116,7 @@ class Pinocchio(Program):
         n = case.m.nv
         # Their unit velocities in our layout, one a row.
         units = self.layout.v_in(np.eye(n))
-        if operation == "forward_dynamics":
+        if operation in ("forward_dynamics", CLOSED):
             return ours, self.layout.v_in(theirs)
         if operation == "inverse_dynamics":
             return ours, self.layout.f_in(theirs)
@@ -119,6 +124,14 @@ class Pinocchio(Program):
             # Linear first.
             return ours.reshape(6, n), np.roll(theirs.reshape(6, n), 3, axis=0) @ units
         return _square(ours, n), units.T @ _square(theirs, n) @ units
+
+
+class PinocchioLinear(Pinocchio):
+    """Pinocchio's recursion for closed loops, of linear cost, whose answers are good to its proximal weight only."""
+
+    name = "Pinocchio lcaba"
+    operations = {CLOSED: (f"{CLOSED}:recursion",)}
+    bound = 1e-5
 
 
 class MuJoCo(Program):
@@ -248,7 +261,10 @@ class Phipsi:
         return Timer(self.name, self.built.command)
 
     def start(self, case: Case) -> None:
-        self.model = f"{case.path}#{case.links[case.target]}"
+        if case.closures:
+            self.model = models.write_closed(self.folder / f"{case.name}.loops", case)
+        else:
+            self.model = f"{case.path}#{case.links[case.target]}"
         self.states = models.write_states(self.folder / f"{case.name}.states", case.states)
 
     def close(self) -> None:
@@ -256,7 +272,7 @@ class Phipsi:
 
 
 #: The others, in the order of the tables.
-OTHERS = (Pinocchio, MuJoCo, Dynibo, Simbody)
+OTHERS = (Pinocchio, PinocchioLinear, MuJoCo, Dynibo, Simbody)
 
 
 def difference(first: np.ndarray, second: np.ndarray) -> float:

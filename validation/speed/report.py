@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from .models import Case
-from .programs import BOUND, SINGLE, SOLVING, Phipsi, Program, difference
+from .programs import CLOSED, SINGLE, SOLVING, Phipsi, Program, difference
 from .python import Figure, as_json
 from .timer import Side, TimerError, Unsupported, alternate, duration, median
 
@@ -27,6 +27,8 @@ BARS: dict[tuple[str, str], tuple[float, float, tuple[str, ...]]] = {
     ("forward_dynamics", "Simbody"): (0.05, 0.03, ()),
     ("inverse_dynamics", "Simbody"): (0.05, 0.03, ()),
     ("mass_matrix", "Simbody"): (0.05, 0.03, ()),
+    (CLOSED, "Pinocchio"): (1.0, 1.0, ()),
+    (CLOSED, "Pinocchio lcaba"): (0.5, 0.5, ("ladderL_0128",)),
 } | {(o, "dynibo"): (0.6, 0.6, ()) for o in ("forward_dynamics", "inverse_dynamics", "mass_matrix", "jacobian")}
 
 #: Long chains: bodies, states, and the bar on ns per body over that of the first.
@@ -56,6 +58,8 @@ class Row:
     operation: str
     #: Program → variant → ns per call, turn by turn.
     times: dict[str, dict[str, list[float]]] = field(default_factory=dict)
+    #: Program → largest relative difference of its results from ours.
+    differences: dict[str, float] = field(default_factory=dict)
 
     def best(self, program: str) -> float:
         """The median of the program's faster variant, ns."""
@@ -109,8 +113,8 @@ class Run:
             self._refuse(str(reason))
             return
         sides, places = [mine], [("phipsi", operation)]
-        allowed = BOUND * (case.factor(BOUND) if single(operation) in SOLVING else 1.0)
         for program in others:
+            allowed = program.bound * (case.factor(program.bound) if single(operation) in SOLVING else 1.0)
             for variant in program.operations.get(single(operation), ()):
                 side = Side(program.timer(variant), program.model, variant, program.states)
                 try:
@@ -128,6 +132,7 @@ class Run:
                     self._refuse(f"{program.name}, {variant}, {case.name}: differs by {worst:.1e}, allowed {allowed:.1e}")
                     continue
                 sides.append(side)
+                row.differences[program.name] = worst
                 places.append((program.name, variant))
         for (program, variant), times in zip(places, alternate(sides, self.rounds)):
             row.times.setdefault(program, {})[variant] = times
@@ -192,7 +197,7 @@ class Run:
             ratios = {
                 p: {"ratio": row.ratio(p), "bar": bar(row.operation, p, row.model)} for p in row.times if p != "phipsi"
             }
-            rows.append({"model": row.model, "dof": row.dof, "operation": row.operation, "ns": row.times, "ratios": ratios})
+            rows.append({"model": row.model, "dof": row.dof, "operation": row.operation, "ns": row.times, "ratios": ratios, "differences": row.differences})
         keys = ("date", "rounds", "programs", "remarks", "chains", "left_out", "refused")
         python = as_json(self.python)
         return {"machine": machine(), "python": python, **{key: getattr(self, key) for key in keys}, "rows": rows}

@@ -19,7 +19,7 @@ from .common import AMBER, ARM, MOLECULE
 PACKAGE = Path(phipsi.__file__).parent
 
 #: Classes that are only returned: their class docstring says everything.
-RETURNED = {"AssemblyInfo", "ForwardInfo", "Note", "Operator", "Operators", "Problem", "Report", "RunError", "State", "Trajectory", "WorstHinge"}
+RETURNED = {"AssemblyInfo", "ClosureProjection", "FieldSamples", "Filtered", "ForwardInfo", "Note", "Operator", "Operators", "Problem", "Report", "RunError", "Smoothed", "State", "Trajectory", "VelocityProjectionInfo", "WorstHinge"}
 
 
 def public_objects():

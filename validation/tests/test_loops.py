@@ -11,6 +11,8 @@ import pytest
 
 import phipsi
 
+from .common import ARM
+
 DATA = Path(__file__).parents[1] / "data" / "loops"
 
 MODELS = ["ladderL_0001", "ladderL_0004", "ladderL_0016", "ladderL_0064", "ladderL_0128", "stewart", "twoarm"]
@@ -122,3 +124,94 @@ def test_wrong_closures_are_refused() -> None:
         m.assemble(m.neutral())
     with pytest.raises(phipsi.ArgumentError, match="form"):
         m.forward_dynamics(m.neutral(), np.zeros(3), np.zeros(3), form="refined")
+
+
+def test_projections_close_the_loops() -> None:
+    m, data, layout = load("stewart")
+    sample = data["samples"][0]
+    q, v = (np.array(sample[key], float) for key in ("q", "v"))
+    q, v = layout.q_in(q), layout.v_in(v)
+    rng = np.random.default_rng(1)
+    off = m.integrate(q, 1e-4 * rng.normal(size=(3, m.nv)))
+    on, info = m.project_position(off)
+    assert info.closure_residual.shape == (3,) and info.iterations.max() < 6
+    assert np.abs(m.closure_residual(on)).max() < 1e-14
+    wild = rng.normal(size=(3, m.nv))
+    kept, info = m.project_velocity(on, wild)
+    assert np.all(info.rank == data["samples"][0]["rank"]) and np.all(info.energy_removed > 0)
+    assert np.abs(m.closure_residual(on, kept)[1]).max() < 1e-13
+    # The least kinetic energy of the change: it is orthogonal to what the closures allow.
+    for state in range(3):
+        change = m.multiply_by_mass_matrix(on[state], kept[state] - wild[state])
+        assert abs(change @ kept[state]) < 1e-12 * abs(change @ wild[state])
+        assert abs(info.energy_removed[state] + 0.5 * change @ wild[state]) < 1e-12 * info.energy_removed[state]
+
+
+def test_the_projection_of_closed_chains() -> None:
+    m, data, layout = load("twoarm")
+    q = layout.q_in(np.array(data["samples"][0]["q"], float))
+    P = m.closure_projection(q)
+    assert P.rank == data["samples"][0]["rank"]
+    dense = P.apply(np.eye(m.nv))
+    # Symmetric, idempotent, of the trace that its rank leaves.
+    assert np.abs(dense - dense.T).max() < 1e-13 and np.abs(dense @ dense - dense).max() < 1e-13
+    assert abs(np.trace(dense) - (m.nv - P.rank)) < 1e-12
+    m.gravity = (0.0, 0.0, 0.0)
+    tau = np.linspace(-1, 1, m.nv)
+    a = m.forward_dynamics(q, np.zeros(m.nv), tau)
+    assert error(P.solve(tau), a) < 1e-13
+
+
+def test_prescribed_joints_of_closed_chains() -> None:
+    m, data, layout = load("twoarm")
+    sample = data["samples"][0]
+    q, v, tau = (np.array(sample[key], float) for key in ("q", "v", "tau"))
+    q, v, tau = layout.q_in(q), layout.v_in(v), layout.f_in(tau)
+    a = m.forward_dynamics(q, v, tau)
+    active = np.zeros(m.nv, bool)
+    active[:4] = True
+    # The accelerations that these forces make need these forces.
+    needed, others = m.hybrid_dynamics(q, v, active, a[active], tau[~active])
+    assert error(others, a[~active]) < 1e-12 and error(needed, tau[active]) < 1e-11
+    # Other ones: what comes out is dynamics with loops again.
+    given = a[active] + [0.3, -0.2, 0.1, 0.4]
+    needed, others = m.hybrid_dynamics(q, v, active, given, tau[~active])
+    forces = tau.copy()
+    forces[active] = needed
+    assert error(m.forward_dynamics(q, v, forces), np.concatenate([given, others])) < 1e-11
+
+
+def test_what_contradicts_the_loops_is_said() -> None:
+    m, _, _ = load("ladderL_0001")
+    q = m.assemble([0.7, -0.7, 0.7])[0]
+    _, info = m.forward_dynamics(q, np.zeros(3), np.zeros(3), info=True)
+    assert info.inconsistency is None and info.rank == 2 and len(info.redundant) == 1
+    name = m.closure_names[0]
+    # Across the plane nothing can move: a closure that is told to does not agree with its other rows.
+    motion = np.zeros((3, 3))
+    motion[2] = 1.0
+    _, info = m.forward_dynamics(q, np.zeros(3), np.zeros(3), info=True, closure_motion={name: motion})
+    assert info.inconsistency.startswith(f"closure `{name}`: translation along"), info.inconsistency
+    with pytest.raises(phipsi.ArgumentError, match="closure_motion"):
+        m.forward_dynamics(q, np.zeros(3), np.zeros(3), closure_motion={"pine": motion})
+
+
+def test_a_moving_closure_pulls_its_bodies() -> None:
+    """A closure that moves the tip of an arm: its rows have the acceleration that is given."""
+    m = phipsi.Model.from_urdf(ARM)
+    m.close_loop("world", np.eye(4), m.body_names[-1], np.eye(4), kind="point_on_plane", name="floor")
+    q, _ = m.assemble([0.3, 0.2])
+    v = np.zeros(m.nv)
+    a, info = m.forward_dynamics(q, v, v, info=True, closure_motion={"floor": [[0.0], [0.0], [0.25]]})
+    h = 1e-4
+    moved = m.closure_residual(m.integrate(q, 0.5 * h * h * a))[0]
+    # Second derivative by its Taylor polynomial: the next term is h times the rate of the acceleration.
+    assert abs(2 * moved / h**2 - 0.25) < 1e-4
+
+
+def test_the_tree_is_chosen_for_the_loops() -> None:
+    m, _, _ = load("ladderL_0004")
+    before = m.joint_names
+    assert m.choose_tree(keep=m.closure_names).startswith("the given tree") and m.joint_names == before
+    with pytest.raises(phipsi.ArgumentError, match="keep"):
+        m.choose_tree(keep=["nothing"])

@@ -94,3 +94,55 @@ def test_mistakes_are_named(model):
         ops.B("world")
     with pytest.raises(phipsi.ArgumentError, match="99"):
         ops.sensitivity(99)
+
+
+def test_estimation_is_dynamics(model):
+    """Paper 1 from Python: the filter whitens, the smoother solves, the batch estimate is the smoothed force."""
+    q, tau = model.random_state(4)[0], np.linspace(-1, 1, model.nv)
+    ops = phipsi.operators(model, q)
+    inverse = model.mass_matrix_inverse(q)
+    kappa = np.abs(model.mass_matrix(q)).max() * np.abs(inverse).max()
+    smoothed = ops.smooth(np.stack([tau, 2 * tau]))
+    filtered = ops.filter(tau)
+    L = ops.I_joint - ops.H @ ops.psi @ ops.K
+    close(filtered.innovation, L @ tau, np.abs(L @ tau).max(), model.nv)
+    close(smoothed.filtered.residual[1], 2 * filtered.residual, np.abs(filtered.residual).max(), 1)
+    close(smoothed.acceleration[0], model.solve_mass_matrix(q, tau), np.abs(inverse).max() * kappa, model.nv)
+    close(ops.H @ smoothed.force[0], tau, kappa, model.nv)
+    close(ops.batch_gain @ tau, smoothed.force[0], np.abs(smoothed.force[0]).max() * kappa, model.nv)
+    S = np.abs(ops.S.dense()).max()
+    close((ops.H @ ops.smoothed_error_covariance).dense(), 0.0, S * kappa, model.nv)
+    with pytest.raises(phipsi.ArgumentError, match="tau"):
+        ops.filter([1.0])
+
+
+def test_the_random_field_gives_the_mass_matrix(model):
+    """The error is within four of its expected size: one in a thousand of seeds is farther off, and these are fixed."""
+    q = model.random_state(5)[0]
+    ops = phipsi.operators(model, q)
+    M = model.mass_matrix(q)
+    for count in (1000, 4000):
+        estimate, error = ops.estimate_mass_matrix(count, seed=1)
+        samples = ops.sample_field(count, seed=1)
+        assert np.allclose(samples.T.T @ samples.T / count, estimate, rtol=0, atol=1e-12 * np.abs(M).max())
+        assert np.linalg.norm(estimate - M) < 4 * error
+        assert np.isclose(error, np.sqrt((np.linalg.norm(M) ** 2 + np.trace(M) ** 2) / count))
+    assert np.allclose(samples.X, ops.phi @ samples.W) and np.allclose(samples.T, ops.H @ samples.X)
+    with pytest.raises(phipsi.ArgumentError, match="count"):
+        ops.sample_field(0, seed=1)
+
+
+def test_diagonal_velocities(model):
+    q, v = model.random_state(6)
+    nu, eta = model.diagonal_velocity(q, v), model.diagonal_velocity(q, v, normalized=False)
+    energy = model.kinetic_energy(q, v)
+    assert np.isclose(nu @ nu / 2, energy, rtol=1e-12)
+    assert np.isclose(eta @ (phipsi.operators(model, q).D @ eta) / 2, energy, rtol=1e-12)
+    assert np.allclose(model.joint_velocity(q, nu), v, rtol=0, atol=1e-11 * np.abs(v).max())
+    assert abs(nu @ model.diagonal_coriolis(q, nu)) < 1e-11 * (nu @ nu) ** 1.5
+    tau = np.linspace(-1, 1, model.nv)
+    same, rate = model.diagonal_dynamics(q, nu, tau)
+    assert np.allclose(same, v, rtol=0, atol=1e-11 * np.abs(v).max())
+    # Power: d/dt of the kinetic energy is what forces and weight give.
+    power = v @ (tau - model.gravity_forces(q))
+    assert np.isclose(nu @ rate, power, rtol=0, atol=1e-9 * (np.abs(nu) @ np.abs(rate) + abs(power)))

@@ -60,7 +60,9 @@ impl<T: Real> ClosedDynamics<T> {
         self.set_position(q, conditions)?;
         let before = self.set_rates(v, conditions);
         let active = conditions.prescribed.map(|p| p.active);
-        self.factors.update(&self.structure, &self.layout, &self.frames, active, Regard::Error)?;
+        self.check_passive(active)?;
+        let trees = (&self.layout, &self.tree);
+        self.factors.update(&self.structure, trees, &self.frames, active, Regard::Error)?;
         self.solution.clear();
         for l in &self.structure.loops {
             for (i, row) in l.rows.clone().enumerate() {
@@ -86,7 +88,7 @@ impl<T: Real> ClosedDynamics<T> {
     /// δ of the right-hand side that is set.
     fn increment(&mut self) {
         let load = Load { tau: None, prescribed: None, ground: Vec3::zero() };
-        self.solution.run(&self.structure, &self.layout, &self.frames, &self.factors, &load, &mut self.step);
+        self.solution.run(&self.structure, &self.tree, &self.frames, &self.factors, &load, &mut self.step);
     }
     /// Sets the right-hand side −Φ.
     fn oppose_residual(&mut self) {
@@ -98,11 +100,12 @@ impl<T: Real> ClosedDynamics<T> {
             }
         }
     }
-    /// |Φ|² and the largest |Φ|.
-    fn openness(&self) -> (f64, f64) {
+    /// |Φ|² and the largest |Φ| of all rows, or of those that the last factorisation found independent.
+    fn openness(&self, independent: bool) -> (f64, f64) {
         let (mut square, mut most) = (0.0f64, 0.0f64);
         for l in &self.structure.loops {
-            for (i, row) in l.rows.clone().enumerate() {
+            for (i, row) in l.rows.clone().enumerate().filter(|r| !(independent && self.factors.dropped[r.1]))
+            {
                 let x = (weight(&self.structure, l, i) * self.frames.residual[row]).abs().to_f64();
                 square += x * x;
                 // A residual that is no number is as open as can be.
@@ -140,19 +143,24 @@ impl<T: Real> ClosedDynamics<T> {
     ) -> Result<PositionProjection, ClosureError> {
         self.set_position(q, conditions)?;
         let active = conditions.prescribed.map(|p| p.active);
+        self.check_passive(active)?;
         let before = largest(&self.frames.residual);
         let mut last = f64::INFINITY;
         for iterations in 0..=MOST_PROJECTIONS {
-            let (_, open) = self.openness();
-            if open <= self.closed() || (open < self.stalled() && open > 0.5 * last) {
+            let (_, open) = self.openness(false);
+            // Redundant rows keep what the model's numbers contradict each other by, however often the others are closed.
+            let (_, solvable) = self.openness(iterations > 0);
+            let still = iterations > 0 && (solvable <= self.closed() || solvable > 0.5 * last);
+            if open <= self.closed() || (open < self.stalled() && still) {
                 let residual = [before, largest(&self.frames.residual)];
                 return Ok(PositionProjection { residual, iterations });
             }
-            last = open;
+            last = solvable;
             if iterations == MOST_PROJECTIONS {
                 break;
             }
-            self.factors.update(&self.structure, &self.layout, &self.frames, active, Regard::Projection)?;
+            let trees = (&self.layout, &self.tree);
+            self.factors.update(&self.structure, trees, &self.frames, active, Regard::Projection)?;
             self.oppose_residual();
             self.increment();
             self.advance(q);
@@ -160,9 +168,10 @@ impl<T: Real> ClosedDynamics<T> {
         }
         Err(self.not_closed(MOST_PROJECTIONS))
     }
-    /// A residual from here on may be rounding of a long path.
+    /// A residual from here on may be rounding of a long path, or of the model's numbers.
     fn stalled(&self) -> f64 {
-        512.0 * T::EPSILON * self.length().max(1.0) * self.depth().max(1) as f64
+        let relative = (512.0 * T::EPSILON).max(self.factors.data_error);
+        relative * self.length().max(1.0) * self.depth().max(1) as f64
     }
     /// q ← q ∘ step.
     fn advance(&mut self, q: &mut [T]) {
@@ -181,8 +190,9 @@ impl<T: Real> ClosedDynamics<T> {
     ) -> Result<PositionProjection, ClosureError> {
         self.set_position(q, conditions)?;
         let active = conditions.prescribed.map(|p| p.active);
+        self.check_passive(active)?;
         let before = largest(&self.frames.residual);
-        let (mut square, mut open) = self.openness();
+        let (mut square, mut open) = self.openness(false);
         let mut last = f64::INFINITY;
         let mut mu = 1e-3f64;
         for trial in 0..MOST_TRIALS {
@@ -194,13 +204,14 @@ impl<T: Real> ClosedDynamics<T> {
                 return Err(self.not_closed(trial));
             }
             let slack = Regard::Slack(T::splat(mu.sqrt()));
-            self.factors.update(&self.structure, &self.layout, &self.frames, active, slack)?;
+            let trees = (&self.layout, &self.tree);
+            self.factors.update(&self.structure, trees, &self.frames, active, slack)?;
             self.oppose_residual();
             self.increment();
             self.origin.copy_from_slice(q);
             self.advance(q);
             self.set_position(q, conditions)?;
-            let (next, widest) = self.openness();
+            let (next, widest) = self.openness(false);
             // Near rounding a step may fall short by rounding.
             if next < square || widest <= self.closed() {
                 (square, last, open) = (next, open, widest);

@@ -13,13 +13,14 @@
 use crate::error::{ClosureError, check_length};
 use crate::factors::{Factors, Redundant, Regard};
 use crate::frames::{Frames, weight};
-use crate::number::{motion, wrench};
+use crate::number::{Arithmetic, motion, wrench};
 use crate::solution::{Inconsistency, Load, Solution};
 use crate::structure::{LoopKind, Structure};
+use crate::tree::{Joint, Tree};
 use phipsi_model::Model;
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{InverseDynamics, Layout};
-use phipsi_spatial::{Real, Transform, Vec3, Wrench};
+use phipsi_spatial::{Kernel, Motion, Real, Scalar, Transform, Vec3, Wrench};
 use std::ops::Range;
 
 /// Positions, velocities and accelerations that closures are given at this instant: one number per row, rad and m.
@@ -99,7 +100,8 @@ pub struct ClosedInfo {
 /// squared rows, for independent loops.
 ///
 /// # Cost
-/// O(Σ m_k²) over joints with m_k open rows: linear in bodies and loops where loops are local.
+/// O(Σ m_k²) over joints with m_k open rows: linear in bodies and loops where loops are local. Flexible bodies are split into
+/// their hinge frame and their modes, which a loop passes as a joint of n degrees of freedom.
 ///
 /// # Accuracy
 /// n·ε·κ; near singular positions ε/σ with σ = [`ClosedInfo::smallest_pivot`]. Rows are redundant if their pivot is below
@@ -140,6 +142,7 @@ pub struct ClosedInfo {
 #[derive(Clone, Debug)]
 pub struct ClosedDynamics<T: Real> {
     pub(crate) layout: Layout<T>,
+    pub(crate) tree: Tree<T>,
     pub(crate) structure: Structure<T>,
     pub(crate) frames: Frames<T>,
     pub(crate) factors: Factors<T>,
@@ -149,7 +152,7 @@ pub struct ClosedDynamics<T: Real> {
     pub(crate) step: Vec<T>,
     pub(crate) trial: Vec<T>,
     pub(crate) origin: Vec<T>,
-    /// The tree.
+    /// The model without its loops.
     pub(crate) model: Model,
     omega: Vec<Vec3<T>>,
     inverse: InverseDynamics<T>,
@@ -165,26 +168,27 @@ impl<T: Real> ClosedDynamics<T> {
     /// # Errors
     /// [`ClosureError::Coupling`] if a coupled joint has not one degree of freedom.
     pub fn new(model: &Model) -> Result<Self, ClosureError> {
-        let tree = model.clone().without_closures();
-        let layout = Layout::new(&tree);
-        layout.check_rigid("ClosedDynamics")?;
-        let structure = Structure::new(model, &layout)?;
+        let open = model.clone().without_closures();
+        let layout = Layout::new(&open);
+        let tree = Tree::new(&layout);
+        let structure = Structure::new(model, &layout, &tree)?;
         Ok(ClosedDynamics {
-            frames: Frames::new(&structure, &layout),
-            factors: Factors::new(&structure, &layout),
-            solution: Solution::new(&structure, &layout),
+            frames: Frames::new(&structure, &layout, &tree),
+            factors: Factors::new(&structure, &layout, &tree),
+            solution: Solution::new(&structure, &layout, &tree),
             rates: vec![T::zero(); structure.rows],
             step: vec![T::zero(); layout.nv()],
             trial: vec![T::zero(); layout.nq()],
             origin: vec![T::zero(); layout.nq()],
-            omega: vec![Vec3::zero(); layout.len()],
+            omega: vec![Vec3::zero(); tree.len()],
             inverse: InverseDynamics::new(&layout),
             work: vec![T::zero(); layout.nv()],
             terms: vec![T::zero(); structure.rows],
             sizes: vec![T::zero(); structure.rows],
             layout,
+            tree,
             structure,
-            model: tree,
+            model: open,
         })
     }
     /// The same, where lengths and directions of the model are known to a relative error only: rows that are redundant but for it
@@ -232,7 +236,8 @@ impl<T: Real> ClosedDynamics<T> {
     /// Accelerations. `q`: nq, `v`, `tau`, `out`: nv.
     ///
     /// # Errors
-    /// [`ClosureError::Dynamics`]: a length, or a joint without articulated inertia; [`ClosureError::NotFinite`].
+    /// [`ClosureError::Dynamics`]: a length, or a joint without articulated inertia; [`ClosureError::NotFinite`];
+    /// [`ClosureError::PrescribedMode`].
     pub fn run(
         &mut self,
         q: &[T],
@@ -246,34 +251,17 @@ impl<T: Real> ClosedDynamics<T> {
         check_length("out", out, self.layout.nv())?;
         self.set_position(q, conditions)?;
         let active = conditions.prescribed.map(|p| p.active);
-        self.factors.update(&self.structure, &self.layout, &self.frames, active, Regard::Error)?;
-        self.solution.clear();
-        self.set_bias(v, conditions.wrenches);
-        let velocity_error = self.set_rates(v, conditions);
-        self.terms.fill(T::zero());
-        self.sizes.fill(T::zero());
-        self.frames.add_velocity_terms(
-            &self.structure,
-            |k| if k == GROUND { Vec3::zero() } else { self.omega[k] },
-            &mut self.terms,
-            &mut self.sizes,
-        );
-        if let Some(motion) = &conditions.motion {
-            for l in &self.structure.loops {
-                for (i, row) in l.rows.clone().enumerate() {
-                    self.terms[row] += weight(&self.structure, l, i) * motion.acceleration[row];
-                }
-            }
-        }
-        self.solution.g.copy_from_slice(T::arithmetic(&self.terms));
-        self.solution.sizes.copy_from_slice(T::arithmetic(&self.sizes));
+        self.check_passive(active)?;
+        let trees = (&self.layout, &self.tree);
+        self.factors.update(&self.structure, trees, &self.frames, active, Regard::Error)?;
+        let velocity_error = Arithmetic::<T>::dispatch(Rates { dynamics: self, state: (q, v), conditions });
         let [x, y, z] = self.layout.gravity().0;
         let load = Load {
             tau: Some(T::arithmetic(tau)),
             prescribed: conditions.prescribed.map(|p| T::arithmetic(p.acceleration)),
             ground: -Vec3([x.to_arithmetic(), y.to_arithmetic(), z.to_arithmetic()]),
         };
-        self.solution.run(&self.structure, &self.layout, &self.frames, &self.factors, &load, out);
+        self.solution.run(&self.structure, &self.tree, &self.frames, &self.factors, &load, out);
         if let Some(i) = out.iter().position(|x| !x.is_finite()) {
             let (joint, component) = self.layout.joint_of_velocity(i);
             return Err(ClosureError::NotFinite { joint: joint.into(), component, found: out[i].to_f64() });
@@ -301,12 +289,13 @@ impl<T: Real> ClosedDynamics<T> {
             check_length("prescribed.acceleration", prescribed.acceleration, self.layout.nv())?;
         }
         let gamma = conditions.motion.as_ref().map(|m| m.position);
-        self.frames.set_position(&self.structure, &self.layout, q, gamma);
+        self.frames.set_position(&self.structure, (&self.layout, &self.tree), q, gamma);
         Ok(())
     }
     /// Sets Jv − γ̇; returns the largest.
+    #[inline(always)]
     pub(crate) fn set_rates(&mut self, v: &[T], conditions: &Conditions<'_, T>) -> f64 {
-        self.frames.set_velocity(&self.structure, &self.layout, v, &mut self.rates);
+        self.frames.set_velocity(&self.structure, &self.tree, v, &mut self.rates);
         if let Some(motion) = &conditions.motion {
             for (rate, gamma) in self.rates.iter_mut().zip(motion.velocity) {
                 *rate -= *gamma;
@@ -314,27 +303,97 @@ impl<T: Real> ClosedDynamics<T> {
         }
         largest(&self.rates)
     }
+    /// Refuses modes whose accelerations are given.
+    pub(crate) fn check_passive(&self, active: Option<&[bool]>) -> Result<(), ClosureError> {
+        let Some(active) = active else { return Ok(()) };
+        match (self.model.joint_nv()..self.layout.nv()).find(|&i| active[i]) {
+            Some(i) => Err(ClosureError::PrescribedMode { mode: self.layout.joint_of_velocity(i).0.into() }),
+            None => Ok(()),
+        }
+    }
+    /// Everything that velocities and wrenches give; returns the largest residual of the rates.
+    #[inline(always)]
+    fn set_motion(&mut self, (q, v): (&[T], &[T]), conditions: &Conditions<'_, T>) -> f64 {
+        self.set_bias(q, v, conditions.wrenches);
+        let velocity_error = self.set_rates(v, conditions);
+        self.terms.fill(T::zero());
+        self.sizes.fill(T::zero());
+        self.frames.add_velocity_terms(
+            &self.structure,
+            |k| if k == GROUND { Vec3::zero() } else { self.omega[k] },
+            &mut self.terms,
+            &mut self.sizes,
+        );
+        if let Some(motion) = &conditions.motion {
+            for l in &self.structure.loops {
+                for (i, row) in l.rows.clone().enumerate() {
+                    self.terms[row] += weight(&self.structure, l, i) * motion.acceleration[row];
+                }
+            }
+        }
+        self.solution.g.copy_from_slice(T::arithmetic(&self.terms));
+        self.solution.sizes.copy_from_slice(T::arithmetic(&self.sizes));
+        velocity_error
+    }
     /// Angular velocities, Coriolis accelerations and bias forces.
-    fn set_bias(&mut self, v: &[T], wrenches: Option<&[Wrench<T>]>) {
-        for (k, body) in self.layout.bodies().iter().enumerate() {
-            let pose = &self.frames.poses[k];
-            let inboard = if body.parent == GROUND { Vec3::zero() } else { self.omega[body.parent] };
-            let joint = body.hinge.expand(&v[body.v..]);
+    #[inline(always)]
+    fn set_bias(&mut self, q: &[T], v: &[T], wrenches: Option<&[Wrench<T>]>) {
+        for (k, body) in self.tree.bodies.iter().enumerate() {
+            let rates = &v[body.v..body.v + body.nv];
+            if let Joint::Modes(i) = body.joint {
+                let omega = self.omega[body.parent];
+                let trees = (&self.layout, &self.tree);
+                self.frames.set_flexible_velocity(&self.structure, trees, i, (q, v), omega);
+                self.omega[k] = omega;
+                let (bias, load) = self.frames.held[i].bias();
+                self.solution.a[k] = Motion::zero();
+                self.solution.z[k] = wrench(load);
+                self.solution.z_modes[body.v - self.model.joint_nv()..][..body.nv]
+                    .copy_from_slice(T::arithmetic(bias));
+                continue;
+            }
+            let mut inboard = if body.parent == GROUND { Vec3::zero() } else { self.omega[body.parent] };
+            let (pose, node) = match body.on {
+                None => (&self.frames.poses[k], Motion::zero()),
+                Some((i, node)) => {
+                    let (held, flexible) = (&self.frames.held[i], &self.tree.bodies[body.parent]);
+                    let rates = &v[flexible.v..flexible.v + flexible.nv];
+                    let turned = held.motions(node).iter().zip(rates);
+                    let turned = turned.fold(Vec3::zero(), |sum, (Pi, x)| sum + Pi.angular.scale(*x));
+                    inboard = held.pose(node).rotation.transpose_mul(inboard) + turned;
+                    (&self.frames.local[k], held.velocity_terms(node))
+                }
+            };
+            let joint = body.hinge().map_or(Motion::zero(), |hinge| hinge.expand(rates));
             let carried = pose.rotation.transpose_mul(inboard);
             let centripetal = pose.rotation.transpose_mul(inboard.cross(inboard.cross(pose.translation)));
             let coriolis = carried.cross(joint.linear);
-            let mut a = body.hinge.turning(&v[body.v..]);
+            let mut a = body.hinge().map_or(Motion::zero(), |hinge| hinge.turning(rates));
             a.angular += carried.cross(joint.angular);
             a.linear += centripetal + coriolis + coriolis;
+            if body.on.is_some() {
+                a += pose.motion_to_child(node);
+            }
             self.solution.a[k] = motion(a);
             self.omega[k] = carried + joint.angular;
             self.solution.z[k] = wrench(body.inertia.gyroscopic(self.omega[k]));
         }
         for (carrier, load) in self.layout.carriers().iter().zip(wrenches.unwrap_or_default()) {
-            if carrier.body != GROUND {
-                let pose: &Transform<T> = &carrier.pose;
-                self.solution.z[carrier.body] -= wrench(pose.wrench_to_parent(*load));
+            let k = self.tree.carrier(carrier.body);
+            if k == GROUND {
+                continue;
             }
+            let pose: &Transform<T> = &carrier.pose;
+            let mut load = pose.wrench_to_parent(*load);
+            if let Some(i) = self.tree.modes(k) {
+                // At F.
+                let (held, first) = (&self.frames.held[i], self.tree.bodies[k].v - self.model.joint_nv());
+                for (z, Pi) in self.solution.z_modes[first..].iter_mut().zip(held.motions(None)) {
+                    *z -= Pi.dot(load).to_arithmetic();
+                }
+                load = held.pose(None).wrench_to_parent(load);
+            }
+            self.solution.z[k] -= wrench(load);
         }
     }
     fn info(&self, velocity_error: f64) -> ClosedInfo {
@@ -373,6 +432,21 @@ impl<T: Real> ClosedDynamics<T> {
             velocity.copy_from_slice(&self.rates);
         }
         Ok(())
+    }
+}
+
+struct Rates<'a, 'b, T: Real> {
+    dynamics: &'a mut ClosedDynamics<T>,
+    /// q and v.
+    state: (&'a [T], &'a [T]),
+    conditions: &'a Conditions<'b, T>,
+}
+
+impl<T: Real> Kernel for Rates<'_, '_, T> {
+    type Output = f64;
+    #[inline(always)]
+    fn run(self) -> f64 {
+        self.dynamics.set_motion(self.state, self.conditions)
     }
 }
 
@@ -418,9 +492,9 @@ impl<T: Real> Solved<'_, T> {
     /// # Errors
     /// [`ClosureError::Dynamics`] for a wrong length.
     pub fn generalized_constraint_force(&self, out: &mut [T]) -> Result<(), ClosureError> {
-        let ClosedDynamics { structure, layout, factors, solution, .. } = &*self.dynamics;
+        let ClosedDynamics { structure, layout, tree, frames, solution, .. } = &*self.dynamics;
         check_length("out", out, layout.nv())?;
-        solution.constraint_force(structure, layout, factors, out);
+        solution.constraint_force(structure, tree, frames, out);
         Ok(())
     }
     /// The generalised forces with what the prescribed degrees of freedom need for their accelerations. Arguments as those of the
@@ -438,9 +512,10 @@ impl<T: Real> Solved<'_, T> {
         out: &mut [T],
     ) -> Result<(), ClosureError> {
         check_length("tau", tau, self.dynamics.layout.nv())?;
-        let ClosedDynamics { structure, layout, factors, solution, inverse, work, .. } = &mut *self.dynamics;
+        let ClosedDynamics { structure, layout, tree, frames, factors, solution, inverse, work, .. } =
+            &mut *self.dynamics;
         inverse.run(layout, q, v, acceleration, wrenches, out)?;
-        solution.constraint_force(structure, layout, factors, work);
+        solution.constraint_force(structure, tree, frames, work);
         for i in 0..tau.len() {
             out[i] = if factors.is_passive(i) { tau[i] } else { out[i] - work[i] };
         }

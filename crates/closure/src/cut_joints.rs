@@ -131,6 +131,11 @@ pub fn choose_cuts(bodies: usize, joints: &[GraphJoint]) -> CutChoice {
     CutChoice { tree: best.tree, cuts, cost: best.cost, starts }
 }
 
+/// What the tree of some joints costs.
+pub(crate) fn cost_of(bodies: usize, joints: &[GraphJoint], kept: &[bool]) -> Cost {
+    Graph { bodies, joints }.layout(kept).cost
+}
+
 struct Graph<'a> {
     bodies: usize,
     joints: &'a [GraphJoint],

@@ -29,6 +29,11 @@ pub enum ClosureError {
         /// Iterations done.
         iterations: usize,
     },
+    /// A modal coordinate whose acceleration is given.
+    PrescribedMode {
+        /// Its name.
+        mode: String,
+    },
     /// A number that is not finite.
     NotFinite {
         /// The joint.
@@ -53,6 +58,10 @@ impl fmt::Display for ClosureError {
                 f,
                 "closure `{closure}` is open by {residual:e} m or rad after {iterations} iterations, but {required:e} is \
                  required; the loops cannot be closed from here: start nearer, or correct the lengths of the mechanism"
+            ),
+            ClosureError::PrescribedMode { mode } => write!(
+                f,
+                "mode `{mode}` is prescribed, but modes must be passive; prescribe joints, and make stiff what shall not bend"
             ),
             ClosureError::NotFinite { joint, component, found } => write!(
                 f,

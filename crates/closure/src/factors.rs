@@ -15,17 +15,21 @@
 //! there C_r = 0, and the loop is solved for part of the residuals: Q₁*ξ = X₁α + ζ₁ + R^−*g. Their cost, ½|X₁α + …|², is all
 //! that remains of the loop above: P += X₁*X₁. X₁ is bounded however singular R is.
 //!
-//! One joint of r degrees of freedom is eliminated one after the other, as r hinges in one place.
+//! One joint of r degrees of freedom is eliminated one after the other, as r hinges in one place; so are the modes of a flexible
+//! body (`modes.rs`).
 
 use crate::frames::Frames;
 use crate::number::{Arithmetic, larger, size, transform, wrench};
 use crate::reflections::{Panel, Record};
 use crate::structure::{Operation, Structure};
+use crate::tree::{Joint, Tree};
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{DynamicsError, Layout};
 use phipsi_spatial::{ArticulatedInertia, Kernel, Real, RigidInertia, Scalar, Wrench};
+use std::ops::Range;
 
 mod joint;
+mod modes;
 
 /// A row that was found to be implied by others.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,11 +70,12 @@ pub(crate) struct Factors<T: Scalar> {
     /// Ξ and U's diagonal of every degree of freedom; U = 0 where it is prescribed.
     pub(crate) xi: Vec<Wrench<Arithmetic<T>>>,
     pub(crate) roots: Vec<Arithmetic<T>>,
-    /// C_r at every joint that a strand passes.
-    pub(crate) kept: Vec<Wrench<Arithmetic<T>>>,
-    /// C and C_r where the sweep is.
+    /// 1/U.
+    pub(crate) inverses: Vec<Arithmetic<T>>,
+    /// Modes of flexible bodies.
+    pub(crate) modes: Vec<modes::Modes<Arithmetic<T>>>,
+    /// C where the sweep is.
     c: Vec<Wrench<Arithmetic<T>>>,
-    rigid: Vec<Wrench<Arithmetic<T>>>,
     /// Size that the rows of W could have, squared.
     squares: Vec<Arithmetic<T>>,
     /// Rows, W and X of the blocks.
@@ -79,6 +84,7 @@ pub(crate) struct Factors<T: Scalar> {
     pub(crate) block_x: Vec<Wrench<Arithmetic<T>>>,
     /// Matrices and records of the operations.
     pub(crate) matrix: Vec<Arithmetic<T>>,
+    reflections: Vec<Arithmetic<T>>,
     order: Vec<usize>,
     beta: Vec<Arithmetic<T>>,
     pub(crate) pivots: Vec<usize>,
@@ -96,6 +102,9 @@ pub(crate) struct Factors<T: Scalar> {
     sharp: Vec<f64>,
     /// The operation that each block comes from.
     origin: Vec<usize>,
+    /// Room for eliminations.
+    sums: Vec<Arithmetic<T>>,
+    row_sizes: Vec<f64>,
 }
 
 /// What the rank of a loop is decided by.
@@ -110,21 +119,26 @@ pub(crate) enum Regard<T> {
 }
 
 impl<T: Real> Factors<T> {
-    pub(crate) fn new(structure: &Structure<T>, layout: &Layout<T>) -> Self {
+    pub(crate) fn new(structure: &Structure<T>, layout: &Layout<T>, tree: &Tree<T>) -> Self {
         let zero = Wrench::zero();
+        let most = structure
+            .operations
+            .iter()
+            .fold((0, 0), |(rows, width), o| (o.most.max(rows), o.width.max(width)));
         let empty = Done { rows: 0, rank: 0, steps: 0, left: 0, scale: Arithmetic::<T>::splat(1.0) };
         Factors {
-            inertia: vec![ArticulatedInertia::zero(); layout.len()],
+            inertia: vec![ArticulatedInertia::zero(); tree.len()],
+            modes: layout.held_bodies().iter().map(|held| modes::Modes::new(held.modes())).collect(),
             xi: vec![zero; layout.nv()],
             roots: vec![Arithmetic::<T>::splat(0.0); layout.nv()],
-            kept: vec![zero; structure.kept],
+            inverses: vec![Arithmetic::<T>::splat(0.0); layout.nv()],
             c: vec![zero; structure.strand_rows],
-            rigid: vec![zero; structure.strand_rows],
             squares: vec![Arithmetic::<T>::splat(0.0); structure.rows],
             block_rows: vec![0; structure.blocks.len()],
             block_w: vec![Arithmetic::<T>::splat(0.0); structure.block_numbers],
-            block_x: vec![zero; structure.block_rows],
+            block_x: vec![zero; structure.block_x],
             matrix: vec![Arithmetic::<T>::splat(0.0); structure.operation_numbers],
+            reflections: vec![Arithmetic::<T>::splat(0.0); structure.reflections],
             order: vec![0; structure.operation_rows],
             beta: vec![Arithmetic::<T>::splat(0.0); structure.operation_steps],
             pivots: vec![usize::MAX; structure.operation_steps],
@@ -137,24 +151,26 @@ impl<T: Real> Factors<T> {
             data_error: 0.0,
             sharp: vec![1.0; structure.operations.len()],
             origin: origins(structure),
+            sums: vec![Arithmetic::<T>::splat(0.0); most.1],
+            row_sizes: vec![0.0; most.0],
         }
     }
     /// Factors at the poses of `frames`; `active`: the prescribed degrees of freedom, none if missing.
     pub(crate) fn update(
         &mut self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        (layout, tree): (&Layout<T>, &Tree<T>),
         frames: &Frames<T>,
         active: Option<&[bool]>,
         regard: Regard<T>,
     ) -> Result<(), DynamicsError> {
-        Arithmetic::<T>::dispatch(Update { factors: self, structure, layout, frames, active, regard })
+        Arithmetic::<T>::dispatch(Update { factors: self, structure, layout, tree, frames, active, regard })
     }
     #[inline(always)]
     fn sweep(
         &mut self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        (layout, tree): (&Layout<T>, &Tree<T>),
         frames: &Frames<T>,
         active: Option<&[bool]>,
         regard: Regard<T>,
@@ -162,19 +178,21 @@ impl<T: Real> Factors<T> {
         for (i, passive) in self.passive.iter_mut().enumerate() {
             *passive = active.is_none_or(|active| !active[i]);
         }
-        for (P, body) in self.inertia.iter_mut().zip(layout.bodies()) {
-            *P = RigidInertia::constant(&body.inertia).to_articulated();
+        for (P, body) in self.inertia.iter_mut().zip(&tree.bodies) {
+            *P = match body.joint {
+                Joint::Modes(i) => self.modes[i].begin(&frames.held[i]),
+                _ => RigidInertia::constant(&body.inertia).to_articulated(),
+            };
         }
         self.squares.fill(Arithmetic::<T>::splat(0.0));
         // Couplings begin with nothing.
         self.c.fill(Wrench::zero());
-        self.rigid.fill(Wrench::zero());
         self.redundant.clear();
         self.dropped.fill(false);
         self.rank = Rank { rank: 0, smallest: f64::INFINITY, gap: f64::INFINITY };
         self.error = frames.errors.iter().fold(self.data_error, |most: f64, e| most.max(*e));
         // The ground comes last.
-        let ground = layout.len();
+        let ground = tree.len();
         for k in (0..ground).rev().chain([ground]) {
             self.begin(structure, frames, k);
             for operation in structure.stations[k].closes.clone() {
@@ -183,12 +201,15 @@ impl<T: Real> Factors<T> {
             if k == ground {
                 break;
             }
-            let P = self.join(structure, layout, k)?;
-            let parent = layout.bodies()[k].parent;
-            self.shift(structure, frames, k);
-            if parent != GROUND {
+            let P = self.join(structure, (layout, tree), frames, k)?;
+            let body = &tree.bodies[k];
+            self.shift(structure, frames, k, body.v..body.v + body.nv);
+            if body.parent != GROUND {
                 let shifted = transform(&frames.poses[k]).articulated_to_parent(&P);
-                self.inertia[parent] = self.inertia[parent] + shifted;
+                self.inertia[body.parent] = self.inertia[body.parent] + shifted;
+                if let (Some((i, _)), Some(first)) = (body.on, structure.attached[k]) {
+                    self.modes[i].add(&frames.screws[first..], &shifted);
+                }
             }
         }
         Ok(())
@@ -200,33 +221,38 @@ impl<T: Real> Factors<T> {
             let strand = structure.strands[s];
             let side = usize::from(structure.loops[strand.of].strands[1] == Some(s));
             for i in 0..structure.loops[strand.of].rows.len() {
-                let row = wrench(frames.strand_row(structure, strand.of, side, i));
-                (self.c[strand.first + i], self.rigid[strand.first + i]) = (row, row);
+                self.c[strand.first + i] = wrench(frames.strand_row(structure, strand.of, side, i));
             }
         }
     }
     /// Puts blocks into the matrix of an operation: columns of the closed loop, of the others, of X. Returns the rows.
     #[inline(always)]
     fn stack(&mut self, structure: &Structure<T>, operation: &Operation, scale: Arithmetic<T>) -> usize {
-        let columns = operation.closing + operation.others;
-        let matrix = &mut self.matrix[operation.number..][..operation.most * (columns + 6)];
-        matrix.fill(Arithmetic::<T>::splat(0.0));
+        let (closing, columns, width) =
+            (operation.closing, operation.closing + operation.others, operation.width);
+        let matrix = &mut self.matrix[operation.number..][..operation.most * width];
+        let mut rows = matrix.chunks_exact_mut(width);
         let mut row = 0;
         for (b, map) in &operation.inputs {
             let block = &structure.blocks[*b];
             for i in 0..self.block_rows[*b] {
+                let Some(to) = rows.next() else { return row };
+                to.fill(Arithmetic::<T>::splat(0.0));
                 let w = &self.block_w[block.number + i * block.width..][..block.width];
                 for (x, &column) in w.iter().zip(map) {
-                    let x = if column < operation.closing { *x * scale } else { *x };
-                    matrix[column * operation.most + row] = x;
+                    to[column] = if column < closing { *x * scale } else { *x };
                 }
-                let x = self.block_x[block.row + i].to_array();
-                for (j, x) in x.into_iter().enumerate() {
-                    matrix[(columns + j) * operation.most + row] = x;
-                }
+                to[columns..columns + 6].copy_from_slice(&self.block_x[block.x + i].to_array());
                 row += 1;
             }
         }
+        row
+    }
+    /// One more row of a matrix, all zero.
+    #[inline(always)]
+    fn empty_row(&mut self, operation: &Operation, row: usize) -> &mut [Arithmetic<T>] {
+        let row = &mut self.matrix[operation.number + row * operation.width..][..operation.width];
+        row.fill(Arithmetic::<T>::splat(0.0));
         row
     }
     /// Closes the loop of an operation at body k, or at the ground.
@@ -241,10 +267,10 @@ impl<T: Real> Factors<T> {
         }
         let scale = if square.is_positive() { square.sqrt() } else { Arithmetic::<T>::splat(1.0) };
         let mut rows = self.stack(structure, operation, scale.recip());
-        let (m, others, lead) = (operation.closing, operation.others, operation.most);
+        let (m, others, width) = (operation.closing, operation.others, operation.width);
         if let Regard::Slack(slack) = regard {
             for i in 0..m {
-                self.matrix[operation.number + i * lead + rows + i] = slack.to_arithmetic();
+                self.empty_row(operation, rows + i)[i] = slack.to_arithmetic();
             }
             rows += m;
         }
@@ -276,9 +302,9 @@ impl<T: Real> Factors<T> {
         self.done[index] = Done { rows, rank, steps, left, scale };
         self.sharp[index] = (0..rank).fold(sharpness, |least, t| {
             let column = self.pivots[operation.step + t];
-            least.min(size(self.matrix[operation.number + column * lead + t]).min_lane())
+            least.min(size(self.matrix[operation.number + t * width + column]).min_lane())
         });
-        self.judge(structure, operation, rank, dropped);
+        self.judge(structure, operation, rows, rank, dropped);
         for t in 0..rank {
             let x = self.x_row(operation, t);
             if k < self.inertia.len() {
@@ -291,7 +317,7 @@ impl<T: Real> Factors<T> {
                 };
                 let strand = structure.strands[passing.strand];
                 for i in 0..structure.loops[passing.of].rows.len() {
-                    let w = self.matrix[operation.number + (m + first + i) * lead + t];
+                    let w = self.matrix[operation.number + t * width + m + first + i];
                     let c = &mut self.c[strand.first + i];
                     *c = x.scale_add(w, *c);
                 }
@@ -306,11 +332,18 @@ impl<T: Real> Factors<T> {
     }
     /// Notes rank, redundant rows and pivots of a closed loop.
     #[inline(always)]
-    fn judge(&mut self, structure: &Structure<T>, operation: &Operation, rank: usize, dropped: f64) {
+    fn judge(
+        &mut self,
+        structure: &Structure<T>,
+        operation: &Operation,
+        rows: usize,
+        rank: usize,
+        dropped: f64,
+    ) {
         let m = operation.closing;
         let kept = &self.pivots[operation.step..][..rank];
         let diagonal =
-            |t: usize| size(self.matrix[operation.number + kept[t] * operation.most + t]).min_lane();
+            |t: usize| size(self.matrix[operation.number + t * operation.width + kept[t]]).min_lane();
         let smallest = (0..rank).map(diagonal).fold(f64::INFINITY, f64::min);
         self.rank.rank += rank;
         self.rank.smallest = self.rank.smallest.min(smallest);
@@ -320,10 +353,9 @@ impl<T: Real> Factors<T> {
         for column in 0..m {
             if !kept.contains(&column) && self.redundant.len() < structure.rows {
                 let closure = operation.closes.unwrap_or(0);
-                let lead = operation.most;
-                let rest = &self.matrix[operation.number + column * lead..][rank.min(lead)..lead];
+                let rest = (rank..rows).map(|t| self.matrix[operation.number + t * operation.width + column]);
                 // Later steps have turned the rest, but not made it longer.
-                let pivot = rest.iter().fold(0.0f64, |most, x| most.max(size(*x).min_lane()));
+                let pivot = rest.fold(0.0f64, |most, x| most.max(size(x).min_lane()));
                 self.dropped[structure.loops[closure].rows.start + column] = true;
                 self.redundant.push(Redundant { closure, row: column, pivot });
             }
@@ -336,42 +368,46 @@ impl<T: Real> Factors<T> {
         let Some(output) = operation.output else { return };
         let block = &structure.blocks[output];
         let done = self.done[index];
-        let lead = operation.most;
         self.block_rows[output] = done.left;
-        for c in 0..block.width {
-            let column = operation.closing + c;
-            let steps = &self.pivots[operation.step..][first..done.steps];
-            // Below the step of a column its reflection is kept.
-            let last = steps.iter().position(|&p| p == column).map_or(usize::MAX, |t| first + t);
-            for i in 0..done.left {
-                let x = if first + i <= last {
-                    self.matrix[operation.number + column * lead + first + i]
-                } else {
-                    Arithmetic::<T>::splat(0.0)
-                };
-                self.block_w[block.number + i * block.width + c] = x;
-            }
-        }
         for i in 0..done.left {
-            self.block_x[block.row + i] = self.x_row(operation, first + i);
+            let row = &self.matrix[operation.number + (first + i) * operation.width..][operation.closing..];
+            self.block_w[block.number + i * block.width..][..block.width]
+                .copy_from_slice(&row[..block.width]);
+            self.block_x[block.x + i] = self.x_row(operation, first + i);
         }
     }
     /// Moves what leaves a body to its parent's frame.
     #[inline(always)]
-    fn shift(&mut self, structure: &Structure<T>, frames: &Frames<T>, k: usize) {
+    fn shift(&mut self, structure: &Structure<T>, frames: &Frames<T>, k: usize, dofs: Range<usize>) {
         let (station, pose) = (&structure.stations[k], &transform(&frames.poses[k]));
         for passing in station.passes.iter().filter(|p| !p.last) {
             let strand = structure.strands[passing.strand];
             let m = structure.loops[passing.of].rows.len();
             for i in strand.first..strand.first + m {
                 self.c[i] = pose.wrench_to_parent(self.c[i]);
-                self.rigid[i] = pose.wrench_to_parent(self.rigid[i]);
             }
         }
-        if let Some(output) = station.join.and_then(|index| structure.operations[index].output) {
-            let first = structure.blocks[output].row;
-            for x in &mut self.block_x[first..first + self.block_rows[output]] {
+        let Some(operation) = station.join.map(|index| &structure.operations[index]) else { return };
+        let Some(output) = operation.output else { return };
+        let to = structure.blocks[output].x;
+        if !operation.in_place {
+            for x in &mut self.block_x[to..to + self.block_rows[output]] {
                 *x = pose.wrench_to_parent(*x);
+            }
+            return;
+        }
+        let mut row = 0;
+        if let Some((input, _)) = operation.inputs.first() {
+            let from = structure.blocks[*input].x;
+            row = self.block_rows[*input];
+            for i in 0..row {
+                self.block_x[to + i] = pose.wrench_to_parent(self.block_x[from + i]);
+            }
+        }
+        for at in dofs {
+            if self.passive[at] {
+                self.block_x[to + row] = pose.wrench_to_parent(self.xi[at]);
+                row += 1;
             }
         }
     }
@@ -384,9 +420,8 @@ impl<T: Real> Factors<T> {
     #[inline(always)]
     pub(crate) fn x_row(&self, operation: &Operation, row: usize) -> Wrench<Arithmetic<T>> {
         let columns = operation.closing + operation.others;
-        let at = operation.number + columns * operation.most + row;
-        let x = |j: usize| self.matrix[at + j * operation.most];
-        Wrench::from_array([x(0), x(1), x(2), x(3), x(4), x(5)])
+        let x = &self.matrix[operation.number + row * operation.width + columns..][..6];
+        Wrench::from_array([x[0], x[1], x[2], x[3], x[4], x[5]])
     }
     #[inline(always)]
     fn panel(&mut self, operation: &Operation, rows: usize) -> Panel<'_, Arithmetic<T>> {
@@ -398,13 +433,16 @@ impl<T: Real> Factors<T> {
         let pivots = &mut self.pivots[operation.step..][..columns];
         pivots.fill(usize::MAX);
         Panel {
-            a: &mut self.matrix[operation.number..][..operation.most * (columns + 6)],
-            lead: operation.most,
+            a: &mut self.matrix[operation.number..][..operation.most * operation.width],
+            width: operation.width,
             rows,
-            columns: columns + 6,
             order,
+            v: &mut self.reflections[operation.reflection..][..operation.most * columns.min(operation.most)],
+            most: operation.most,
             beta: &mut self.beta[operation.step..][..columns],
             pivots,
+            sums: &mut self.sums,
+            sizes: &mut self.row_sizes,
         }
     }
     /// What an operation did, to do it to vectors.
@@ -416,13 +454,12 @@ impl<T: Real> Factors<T> {
     ) -> Record<'_, Arithmetic<T>> {
         let columns = operation.closing + operation.others;
         Record {
-            a: &self.matrix[operation.number..][..operation.most * (columns + 6)],
-            lead: operation.most,
+            v: &self.reflections[operation.reflection..][..operation.most * columns.min(operation.most)],
+            most: operation.most,
             rows: done.rows,
             steps: done.steps,
             order: &self.order[operation.row..][..operation.most],
             beta: &self.beta[operation.step..][..columns],
-            pivots: &self.pivots[operation.step..][..columns],
         }
     }
 }
@@ -440,6 +477,7 @@ struct Update<'a, T: Real> {
     factors: &'a mut Factors<T>,
     structure: &'a Structure<T>,
     layout: &'a Layout<T>,
+    tree: &'a Tree<T>,
     frames: &'a Frames<T>,
     active: Option<&'a [bool]>,
     regard: Regard<T>,
@@ -449,6 +487,6 @@ impl<T: Real> Kernel for Update<'_, T> {
     type Output = Result<(), DynamicsError>;
     #[inline(always)]
     fn run(self) -> Self::Output {
-        self.factors.sweep(self.structure, self.layout, self.frames, self.active, self.regard)
+        self.factors.sweep(self.structure, (self.layout, self.tree), self.frames, self.active, self.regard)
     }
 }

@@ -24,6 +24,8 @@ mod reflections;
 mod rows;
 mod solution;
 mod structure;
+mod tree;
+pub mod tree_choice;
 
 pub use assembly::{PositionProjection, VelocityProjection};
 pub use closed_dynamics::{ClosedDynamics, ClosedInfo, ClosureMotion, Conditions, Prescribed, Solved};
@@ -33,3 +35,4 @@ pub use factors::Redundant;
 pub use momenta::{ClosedMomenta, Openness};
 pub use projection::Projection;
 pub use solution::Inconsistency;
+pub use tree_choice::{TreeChoice, choose_tree};

@@ -96,15 +96,17 @@ impl<T: Real> ClosedMomenta<T> {
     /// A workspace for a model.
     ///
     /// # Errors
-    /// As [`ClosedDynamics::new`].
+    /// As [`ClosedDynamics::new`]; models with flexible bodies are refused.
     pub fn new(model: &Model) -> Result<Self, ClosureError> {
         let dynamics = ClosedDynamics::new(model)?;
+        dynamics.layout.check_rigid("ClosedMomenta")?;
         let on_loops = dynamics.layout.bodies().iter().zip(&dynamics.structure.stations);
         let hinges = on_loops
             .filter(|(body, station)| body.hinge.nv() == 1 && !station.passes.is_empty())
             .map(|(body, _)| body.q)
             .collect();
-        Ok(ClosedMomenta { ahead: Frames::new(&dynamics.structure, &dynamics.layout), dynamics, hinges })
+        let ahead = Frames::new(&dynamics.structure, &dynamics.layout, &dynamics.tree);
+        Ok(ClosedMomenta { ahead, dynamics, hinges })
     }
     /// The tree.
     pub fn layout(&self) -> &Layout<T> {
@@ -119,12 +121,13 @@ impl<T: Real> ClosedMomenta<T> {
     /// # Errors
     /// [`DynamicsError`]: a length, or a joint without articulated inertia.
     pub fn place(&mut self, q: &[T]) -> Result<(), DynamicsError> {
-        let ClosedDynamics { structure, layout, frames, factors, .. } = &mut self.dynamics;
+        let ClosedDynamics { structure, layout, tree, frames, factors, .. } = &mut self.dynamics;
         if q.len() != layout.nq() {
             return Err(DynamicsError::Shape { argument: "q", expected: layout.nq(), found: q.len() });
         }
-        frames.set_position(structure, layout, q, None);
-        factors.update(structure, layout, frames, None, Regard::Error)
+        let trees = (&*layout, &*tree);
+        frames.set_position(structure, trees, q, None);
+        factors.update(structure, trees, frames, None, Regard::Error)
     }
     /// Independent rows where the factors are.
     pub fn rank(&self) -> usize {
@@ -135,11 +138,11 @@ impl<T: Real> ClosedMomenta<T> {
     /// # Errors
     /// [`DynamicsError::Shape`].
     pub fn look(&mut self, q: &[T]) -> Result<Openness, DynamicsError> {
-        let ClosedDynamics { structure, layout, .. } = &self.dynamics;
+        let ClosedDynamics { structure, layout, tree, .. } = &self.dynamics;
         if q.len() != layout.nq() {
             return Err(DynamicsError::Shape { argument: "q", expected: layout.nq(), found: q.len() });
         }
-        self.ahead.set_position(structure, layout, q, None);
+        self.ahead.set_position(structure, (layout, tree), q, None);
         let mut weighted = 0.0f64;
         for l in &structure.loops {
             for (i, row) in l.rows.clone().enumerate() {
@@ -159,14 +162,14 @@ impl<T: Real> ClosedMomenta<T> {
     /// # Errors
     /// [`DynamicsError::Shape`].
     pub fn residual(&mut self, q: &[T], v: &[T]) -> Result<[f64; 2], DynamicsError> {
-        let ClosedDynamics { structure, layout, frames, rates, .. } = &mut self.dynamics;
+        let ClosedDynamics { structure, layout, tree, frames, rates, .. } = &mut self.dynamics;
         for (argument, expected, found) in [("q", layout.nq(), q.len()), ("v", layout.nv(), v.len())] {
             if found != expected {
                 return Err(DynamicsError::Shape { argument, expected, found });
             }
         }
-        frames.set_position(structure, layout, q, None);
-        frames.set_velocity(structure, layout, v, rates);
+        frames.set_position(structure, (layout, tree), q, None);
+        frames.set_velocity(structure, tree, v, rates);
         Ok([largest(&frames.residual), largest(rates)])
     }
     /// x and f + J*λ with 𝓜x = f + J*λ and Jx = c Φ, Φ the residual that was looked at last; Jx = 0 without c.
@@ -180,7 +183,7 @@ impl<T: Real> ClosedMomenta<T> {
         x: &mut [T],
         momentum: &mut [T],
     ) -> Result<(), DynamicsError> {
-        let ClosedDynamics { structure, layout, frames, factors, solution, .. } = &mut self.dynamics;
+        let ClosedDynamics { structure, layout, tree, frames, factors, solution, .. } = &mut self.dynamics;
         for (argument, found) in [("f", f.len()), ("x", x.len()), ("momentum", momentum.len())] {
             if found != layout.nv() {
                 return Err(DynamicsError::Shape { argument, expected: layout.nv(), found });
@@ -196,8 +199,8 @@ impl<T: Real> ClosedMomenta<T> {
             }
         }
         let load = Load { tau: Some(T::arithmetic(f)), prescribed: None, ground: Vec3::zero() };
-        solution.run(structure, layout, frames, factors, &load, x);
-        solution.constraint_force(structure, layout, factors, momentum);
+        solution.run(structure, tree, frames, factors, &load, x);
+        solution.constraint_force(structure, tree, frames, momentum);
         for (momentum, f) in momentum.iter_mut().zip(f) {
             *momentum += *f;
         }
@@ -216,7 +219,7 @@ impl<T: Real> ClosedMomenta<T> {
             let (operation, done) = (&structure.operations[index], &factors.done[index]);
             for t in 0..done.rank {
                 let column = factors.pivots[operation.step + t];
-                let r = factors.matrix[operation.number + column * operation.most + t];
+                let r = factors.matrix[operation.number + t * operation.width + column];
                 of_loops += (size(r) * done.scale).min_lane().ln();
             }
         }

@@ -37,15 +37,16 @@ impl<T: Real> Projection<T> {
     /// The projection of a model at `q` (nq).
     ///
     /// # Errors
-    /// [`ClosureError`], as [`ClosedDynamics::new`] and [`ClosedDynamics::run`].
+    /// [`ClosureError`], as [`ClosedDynamics::new`] and [`ClosedDynamics::run`]; models with flexible bodies are refused.
     pub fn new(model: &Model, q: &[T]) -> Result<Self, ClosureError> {
         let closed = ClosedDynamics::new(model)?;
-        let tree = Structure::new(&model.clone().without_closures(), &closed.layout)?;
+        closed.layout.check_rigid("Projection")?;
+        let tree = Structure::new(&model.clone().without_closures(), &closed.layout, &closed.tree)?;
         let mut projection = Projection {
-            still: Frames::new(&tree, &closed.layout),
-            open: Factors::new(&tree, &closed.layout),
-            z: vec![Wrench::zero(); closed.layout.len()],
-            velocity: vec![Motion::zero(); closed.layout.len()],
+            still: Frames::new(&tree, &closed.layout, &closed.tree),
+            open: Factors::new(&tree, &closed.layout, &closed.tree),
+            z: vec![Wrench::zero(); closed.tree.len()],
+            velocity: vec![Motion::zero(); closed.tree.len()],
             force: vec![T::zero(); closed.layout.nv()],
             tree,
             closed,
@@ -58,12 +59,13 @@ impl<T: Real> Projection<T> {
     /// # Errors
     /// [`ClosureError::Dynamics`].
     pub fn update(&mut self, q: &[T]) -> Result<(), ClosureError> {
-        let ClosedDynamics { structure, layout, frames, factors, .. } = &mut self.closed;
+        let ClosedDynamics { structure, layout, tree, frames, factors, .. } = &mut self.closed;
         check_length("q", q, layout.nq())?;
-        frames.set_position(structure, layout, q, None);
-        factors.update(structure, layout, frames, None, Regard::Error)?;
-        self.still.set_position(&self.tree, layout, q, None);
-        self.open.update(&self.tree, layout, &self.still, None, Regard::Error)?;
+        let trees = (&*layout, &*tree);
+        frames.set_position(structure, trees, q, None);
+        factors.update(structure, trees, frames, None, Regard::Error)?;
+        self.still.set_position(&self.tree, trees, q, None);
+        self.open.update(&self.tree, trees, &self.still, None, Regard::Error)?;
         Ok(())
     }
     /// Number of directions that the loops close: the rank of b̂.
@@ -96,21 +98,22 @@ impl<T: Real> Projection<T> {
     pub fn solve(&mut self, x: &mut [T]) -> Result<(), ClosureError> {
         check_length("x", x, self.len())?;
         self.force.copy_from_slice(x);
-        let ClosedDynamics { structure, layout, frames, factors, solution, .. } = &mut self.closed;
+        let ClosedDynamics { structure, tree, frames, factors, solution, .. } = &mut self.closed;
         solution.clear();
         let load = Load { tau: Some(T::arithmetic(&self.force)), prescribed: None, ground: Vec3::zero() };
-        solution.run(structure, layout, frames, factors, &load, x);
+        solution.run(structure, tree, frames, factors, &load, x);
         Ok(())
     }
     /// x ← l x, inward. `x`: nv.
     #[inline(always)]
     fn multiply_by_root(&mut self, x: &mut [Arithmetic<T>]) {
         self.z.fill(Wrench::zero());
-        for (k, body) in self.closed.layout.bodies().iter().enumerate().rev() {
-            for i in 0..body.hinge.nv() {
+        for (k, body) in self.closed.tree.bodies.iter().enumerate().rev() {
+            let Some(hinge) = body.hinge() else { continue };
+            for i in 0..body.nv {
                 let at = body.v + i;
                 let u = x[at];
-                x[at] = self.open.roots[at] * u + body.hinge.project(i, &self.z[k]);
+                x[at] = self.open.roots[at] * u + hinge.project(i, &self.z[k]);
                 self.z[k] = self.open.xi[at].scale_add(u, self.z[k]);
             }
             if body.parent != GROUND {
@@ -122,16 +125,17 @@ impl<T: Real> Projection<T> {
     /// x ← l* x, outward. `x`: nv.
     #[inline(always)]
     fn multiply_by_adjoint(&mut self, x: &mut [Arithmetic<T>]) {
-        for (k, body) in self.closed.layout.bodies().iter().enumerate() {
+        for (k, body) in self.closed.tree.bodies.iter().enumerate() {
             let mut velocity = match body.parent {
                 GROUND => Motion::zero(),
                 parent => transform(&self.still.poses[k]).motion_to_child(self.velocity[parent]),
             };
-            for i in (0..body.hinge.nv()).rev() {
+            let Some(hinge) = body.hinge() else { continue };
+            for i in (0..body.nv).rev() {
                 let at = body.v + i;
                 let u = x[at];
                 x[at] = self.open.roots[at] * u + velocity.dot(self.open.xi[at]);
-                body.hinge.add_axis(i, u, &mut velocity);
+                hinge.add_axis(i, u, &mut velocity);
             }
             self.velocity[k] = velocity;
         }

@@ -2,9 +2,10 @@
 //!
 //! | symbol | meaning |
 //! |---|---|
-//! | a | the matrix, column after column, with `lead` numbers from one column to the next |
+//! | a | the matrix, row after row, `width` numbers each, a whole number of [`GROUP`]s |
 //! | step t | reflection of the rows from t on that leaves one number of its column; 1 − β v v*, v_t = 1 |
-//! | R | what the steps leave at and above their rows; below them the reflections are kept |
+//! | v | the reflections, step after step, `most` numbers each, from row t on |
+//! | R | what the steps leave at and above their rows; below them their columns are zero |
 //!
 //! Rows sorted by size and pivoted columns make the backward error small row by row, also where rows differ by many powers
 //! of ten (Cox and Higham, BIT 38, 1998).
@@ -12,47 +13,52 @@
 use crate::number::{larger, size};
 use phipsi_spatial::Scalar;
 
+/// Numbers of a row that are dealt with at a time, in the lanes of a register.
+pub(crate) const GROUP: usize = 4;
+
 /// A matrix that is eliminated, with the record of what was done.
 pub(crate) struct Panel<'a, T> {
     pub(crate) a: &'a mut [T],
-    pub(crate) lead: usize,
+    pub(crate) width: usize,
     pub(crate) rows: usize,
-    /// Number of columns that the reflections act on.
-    pub(crate) columns: usize,
     /// The row of the stack that now stands in each row.
     pub(crate) order: &'a mut [usize],
+    pub(crate) v: &'a mut [T],
+    pub(crate) most: usize,
     /// β of each step.
     pub(crate) beta: &'a mut [T],
     /// The column of each step.
     pub(crate) pivots: &'a mut [usize],
+    /// Room for a row, and for the size of every row.
+    pub(crate) sums: &'a mut [T],
+    pub(crate) sizes: &'a mut [f64],
 }
 
 impl<T: Scalar> Panel<'_, T> {
-    /// The largest number of a row in some columns.
-    #[inline(always)]
-    fn row_size(&self, row: usize, columns: core::ops::Range<usize>) -> T {
-        let mut most = T::zero();
-        for c in columns {
-            most = larger(most, size(self.a[c * self.lead + row]));
-        }
-        most
-    }
     /// Sorts the rows from `first` on by their largest number in some columns, largest first.
     #[inline(always)]
     pub(crate) fn sort_rows(&mut self, first: usize, columns: core::ops::Range<usize>) {
-        for i in first..self.rows {
-            let mut best = (i, self.row_size(i, columns.clone()));
-            for row in i + 1..self.rows {
-                let found = self.row_size(row, columns.clone());
-                if found.min_lane() > best.1.min_lane() {
-                    best = (row, found);
+        let Panel { a, width, rows, order, v, most, sizes, .. } = self;
+        let (width, rows) = (*width, *rows);
+        for row in first..rows {
+            let numbers = &a[row * width..][columns.clone()];
+            sizes[row] = numbers.iter().fold(0.0, |most: f64, x| most.max(x.min_lane().abs()));
+        }
+        for i in first..rows {
+            let mut best = i;
+            for row in i + 1..rows {
+                if sizes[row] > sizes[best] {
+                    best = row;
                 }
             }
-            if best.0 != i {
-                for c in 0..self.columns {
-                    self.a.swap(c * self.lead + i, c * self.lead + best.0);
+            if best != i {
+                let (upper, lower) = a.split_at_mut(best * width);
+                upper[i * width..][..width].swap_with_slice(&mut lower[..width]);
+                order.swap(i, best);
+                sizes.swap(i, best);
+                for t in 0..first {
+                    v.swap(t * *most + i, t * *most + best);
                 }
-                self.order.swap(i, best.0);
             }
         }
     }
@@ -69,13 +75,15 @@ impl<T: Scalar> Panel<'_, T> {
         let mut t = first;
         loop {
             let mut best = (usize::MAX, T::zero());
+            // Columns of earlier steps are zero here.
+            let width = self.width;
+            self.sums[..width].fill(T::zero());
+            for row in self.a[t.min(self.rows) * width..self.rows * width].chunks_exact(width) {
+                add_squares(&mut self.sums[..width], row);
+            }
             for c in columns.clone() {
-                if self.pivots[first..t].contains(&c) {
-                    continue;
-                }
-                let square = square(&self.a[c * self.lead + t..c * self.lead + self.rows]);
-                if best.0 == usize::MAX || square.min_lane() > best.1.min_lane() {
-                    best = (c, square);
+                if best.0 == usize::MAX || self.sums[c].min_lane() > best.1.min_lane() {
+                    best = (c, self.sums[c]);
                 }
             }
             // Squares may have been lost, or be too large for a number.
@@ -95,7 +103,7 @@ impl<T: Scalar> Panel<'_, T> {
     fn longest(&self, first: usize, t: usize, columns: core::ops::Range<usize>) -> (usize, T) {
         let mut best = (usize::MAX, T::zero());
         for c in columns.filter(|c| !self.pivots[first..t].contains(c)) {
-            let norm = norm(&self.a[c * self.lead + t..c * self.lead + self.rows]);
+            let norm = norm((t..self.rows).map(|row| self.a[row * self.width + c]));
             if norm.min_lane() > best.1.min_lane() {
                 best = (c, norm);
             }
@@ -105,57 +113,74 @@ impl<T: Scalar> Panel<'_, T> {
     /// One reflection, of the rows from t on, that leaves in column `pivot` one number of size `length`.
     #[inline(always)]
     fn reflect(&mut self, t: usize, pivot: usize, length: T) -> T {
-        let (start, end) = (pivot * self.lead + t, pivot * self.lead + self.rows);
-        let head = self.a[start];
+        let (width, rows) = (self.width, self.rows);
+        let head = self.a[t * width + pivot];
         let left = if head.min_lane() < 0.0 { length } else { -length };
         let scale = (head - left).recip();
-        for x in &mut self.a[start + 1..end] {
-            *x *= scale;
-        }
-        self.a[start] = left;
         let beta = (left - head) / left;
-        for c in 0..self.columns {
-            if c == pivot || self.pivots[..t].contains(&c) {
-                continue;
-            }
-            let at = c * self.lead + t;
-            let mut sum = self.a[at];
-            for i in 1..end - start {
-                sum = self.a[start + i].fma(self.a[at + i], sum);
-            }
-            let sum = sum * beta;
-            self.a[at] -= sum;
-            for i in 1..end - start {
-                self.a[at + i] = (-sum).fma(self.a[start + i], self.a[at + i]);
-            }
+        let v = &mut self.v[t * self.most..][..rows];
+        let sums = &mut self.sums[..width];
+        let (upper, lower) = self.a[..rows * width].split_at_mut((t + 1) * width);
+        let first = &mut upper[t * width..];
+        sums.copy_from_slice(first);
+        for (v, row) in v[t + 1..].iter_mut().zip(lower.chunks_exact(width)) {
+            *v = row[pivot] * scale;
+            add_scaled(sums, *v, row);
         }
+        for sum in sums.iter_mut() {
+            *sum *= beta;
+        }
+        add_scaled(first, -T::splat(1.0), sums);
+        for (v, row) in v[t + 1..].iter().zip(lower.chunks_exact_mut(width)) {
+            add_scaled(row, -*v, sums);
+            row[pivot] = T::zero();
+        }
+        first[pivot] = left;
         beta
+    }
+}
+
+/// `to` += `factor` · `from`; both are whole numbers of groups, each read before it is written, so that it is one in registers.
+#[inline(always)]
+fn add_scaled<T: Scalar>(to: &mut [T], factor: T, from: &[T]) {
+    for (to, from) in to.as_chunks_mut::<GROUP>().0.iter_mut().zip(from.as_chunks::<GROUP>().0) {
+        let ([a, b, c, d], [x, y, z, w]) = (*to, *from);
+        *to = [factor.fma(x, a), factor.fma(y, b), factor.fma(z, c), factor.fma(w, d)];
+    }
+}
+
+/// `to` += the squares of `from`, likewise.
+#[inline(always)]
+fn add_squares<T: Scalar>(to: &mut [T], from: &[T]) {
+    for (to, from) in to.as_chunks_mut::<GROUP>().0.iter_mut().zip(from.as_chunks::<GROUP>().0) {
+        let ([a, b, c, d], [x, y, z, w]) = (*to, *from);
+        *to = [x.fma(x, a), y.fma(y, b), z.fma(z, c), w.fma(w, d)];
     }
 }
 
 /// The record of an elimination, to apply it to vectors.
 pub(crate) struct Record<'a, T> {
-    pub(crate) a: &'a [T],
-    pub(crate) lead: usize,
+    pub(crate) v: &'a [T],
+    pub(crate) most: usize,
     pub(crate) rows: usize,
     pub(crate) steps: usize,
     pub(crate) order: &'a [usize],
     pub(crate) beta: &'a [T],
-    pub(crate) pivots: &'a [usize],
 }
 
 impl<T: Scalar> Record<'_, T> {
     #[inline(always)]
     fn reflect(&self, t: usize, x: &mut [T]) {
-        let v = &self.a[self.pivots[t] * self.lead..][t..self.rows];
-        let mut sum = x[t];
-        for i in 1..v.len() {
-            sum = v[i].fma(x[t + i], sum);
+        let v = &self.v[t * self.most..][t + 1..self.rows];
+        let (head, rest) = x[t..self.rows].split_at_mut(1);
+        let mut sum = head[0];
+        for (v, x) in v.iter().zip(rest.iter()) {
+            sum = v.fma(*x, sum);
         }
         let sum = sum * self.beta[t];
-        x[t] -= sum;
-        for i in 1..v.len() {
-            x[t + i] = (-sum).fma(v[i], x[t + i]);
+        head[0] -= sum;
+        for (v, x) in v.iter().zip(rest) {
+            *x = (-sum).fma(*v, *x);
         }
     }
     /// Q* of a stack: `stack` holds it as it was stacked, `x` gets the result.
@@ -180,22 +205,12 @@ impl<T: Scalar> Record<'_, T> {
     }
 }
 
-/// x*x.
-#[inline(always)]
-fn square<T: Scalar>(x: &[T]) -> T {
-    let mut sum = T::zero();
-    for x in x {
-        sum = x.fma(*x, sum);
-    }
-    sum
-}
-
 /// |x|, without overflow or underflow of the squares.
 #[inline(always)]
-fn norm<T: Scalar>(x: &[T]) -> T {
+fn norm<T: Scalar>(x: impl Iterator<Item = T> + Clone) -> T {
     let mut most = T::zero();
-    for x in x {
-        most = larger(most, size(*x));
+    for x in x.clone() {
+        most = larger(most, size(x));
     }
     if most == T::zero() || !most.is_positive() {
         return most;
@@ -203,7 +218,7 @@ fn norm<T: Scalar>(x: &[T]) -> T {
     let scale = most.recip();
     let mut sum = T::zero();
     for x in x {
-        let y = *x * scale;
+        let y = x * scale;
         sum = y.fma(y, sum);
     }
     most * sum.sqrt()
@@ -220,39 +235,41 @@ mod tests {
         for seed in 0..50 {
             let mut random = Random::new(seed);
             let (rows, columns) = (1 + random.below(9), 1 + random.below(6));
-            let lead = rows + random.below(3);
+            let width = columns.next_multiple_of(GROUP);
+            let most = rows + random.below(3);
             let sizes: Vec<f64> = (0..rows).map(|_| 10f64.powf(6.0 * random.signed())).collect();
-            let mut a = vec![0.0f64; lead * columns];
-            for c in 0..columns {
-                for i in 0..rows {
-                    a[c * lead + i] = sizes[i] * random.signed();
+            let mut a = vec![0.0f64; most * width];
+            for i in 0..rows {
+                for c in 0..columns {
+                    a[i * width + c] = sizes[i] * random.signed();
                 }
             }
             let original = a.clone();
             let mut order: Vec<usize> = (0..rows).collect();
             let (mut beta, mut pivots) = (vec![0.0; columns], vec![0; columns]);
+            let (mut v, mut sums, mut room) = (vec![0.0; columns * most], vec![0.0; width], vec![0.0; most]);
             let mut panel = Panel {
                 a: &mut a,
-                lead,
+                width,
                 rows,
-                columns,
                 order: &mut order,
+                v: &mut v,
+                most,
                 beta: &mut beta,
                 pivots: &mut pivots,
+                sums: &mut sums,
+                sizes: &mut room,
             };
             panel.sort_rows(0, 0..columns);
             let (steps, _) = panel.eliminate(0, 0..columns, 0.0, columns);
             assert_eq!(steps, rows.min(columns), "seed {seed}");
-            let record = Record { a: &a, lead, rows, steps, order: &order, beta: &beta, pivots: &pivots };
+            let record = Record { v: &v, most, rows, steps, order: &order, beta: &beta };
             for c in 0..columns {
-                let at = pivots[..steps].iter().position(|&p| p == c);
-                let mut x: Vec<f64> = (0..rows)
-                    .map(|i| if at.is_none_or(|t| i <= t) { a[c * lead + i] } else { 0.0 })
-                    .collect();
+                let mut x: Vec<f64> = (0..rows).map(|i| a[i * width + c]).collect();
                 let mut stack = vec![0.0; rows];
                 record.apply(&mut x, &mut stack);
                 for i in 0..rows {
-                    let error = (stack[i] - original[c * lead + i]).abs();
+                    let error = (stack[i] - original[i * width + c]).abs();
                     // A few roundings per step, in units of the row's own size.
                     assert!(error <= 64.0 * f64::EPSILON * sizes[i], "seed {seed}: {error:e}");
                 }

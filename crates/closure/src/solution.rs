@@ -14,12 +14,13 @@
 
 use crate::factors::{Done, Factors};
 use crate::frames::{Frames, weight};
-use crate::number::{Arithmetic, larger, size, transform};
-use crate::structure::{Operation, Structure};
-use phipsi_recursion::Layout;
+use crate::number::{Arithmetic, larger, motion, size, transform};
+use crate::structure::{LoopKind, Operation, Structure};
+use crate::tree::{Joint, Tree};
 use phipsi_recursion::layout::GROUND;
 use phipsi_spatial::{Kernel, Motion, Real, Scalar, Vec3, Wrench};
 
+mod modes;
 mod multipliers;
 
 /// A redundant row whose right-hand side is not what the others imply.
@@ -39,6 +40,9 @@ pub(crate) struct Solution<T: Scalar> {
     /// Bias forces and bias accelerations of the bodies: input.
     pub(crate) z: Vec<Wrench<Arithmetic<T>>>,
     pub(crate) a: Vec<Motion<Arithmetic<T>>>,
+    /// Bias forces of all modes: input.
+    pub(crate) z_modes: Vec<Arithmetic<T>>,
+    first_mode: usize,
     /// Right-hand sides of the rows: input; and the size of their terms.
     pub(crate) g: Vec<Arithmetic<T>>,
     pub(crate) sizes: Vec<Arithmetic<T>>,
@@ -52,6 +56,8 @@ pub(crate) struct Solution<T: Scalar> {
     stack: Vec<Arithmetic<T>>,
     x: Vec<Arithmetic<T>>,
     alpha: Vec<Motion<Arithmetic<T>>>,
+    /// Σ X a over the bodies of a strand, at the frame of its end, in its axes; and Σ of their sizes.
+    carried: Vec<(Motion<Arithmetic<T>>, Arithmetic<T>)>,
     pub(crate) lambda: Vec<Arithmetic<T>>,
     /// Of conjugate gradients.
     direction: Vec<Arithmetic<T>>,
@@ -60,6 +66,17 @@ pub(crate) struct Solution<T: Scalar> {
     /// The largest |η₁| of all loops.
     largest: Arithmetic<T>,
     pub(crate) inconsistency: Option<Inconsistency>,
+}
+
+/// Where the residuals of a joint are while its body is dealt with.
+#[derive(Clone, Copy)]
+enum Own {
+    /// No loop passes the joint.
+    Nowhere,
+    /// From this row on among all blocks' rows: the join is in place.
+    Block(usize),
+    /// From this row on, on the stack.
+    Stack(usize),
 }
 
 /// What drives the mechanism besides z, a and g.
@@ -74,12 +91,20 @@ pub(crate) struct Load<'a, S> {
 }
 
 impl<T: Real> Solution<T> {
-    pub(crate) fn new(structure: &Structure<T>, layout: &Layout<T>) -> Self {
+    pub(crate) fn new(
+        structure: &Structure<T>,
+        layout: &phipsi_recursion::Layout<T>,
+        tree: &Tree<T>,
+    ) -> Self {
+        let modes = |k: usize| tree.modes(k).map_or(0, |_| tree.bodies[k].nv);
+        let modes: usize = (0..tree.len()).map(modes).sum();
         let o = Arithmetic::<T>::splat(0.0);
         let most = structure.operations.iter().fold(0, |most, operation| most.max(operation.most));
         Solution {
-            z: vec![Wrench::zero(); layout.len()],
-            a: vec![Motion::zero(); layout.len()],
+            z: vec![Wrench::zero(); tree.len()],
+            a: vec![Motion::zero(); tree.len()],
+            z_modes: vec![o; modes],
+            first_mode: layout.nv() - modes,
             g: vec![o; structure.rows],
             sizes: vec![o; structure.rows],
             s: vec![o; layout.nv()],
@@ -89,7 +114,8 @@ impl<T: Real> Solution<T> {
             lost: vec![o; structure.rows],
             stack: vec![o; most],
             x: vec![o; most],
-            alpha: vec![Motion::zero(); layout.len()],
+            alpha: vec![Motion::zero(); tree.len()],
+            carried: vec![(Motion::zero(), o); structure.strands.len()],
             lambda: vec![o; structure.rows],
             direction: vec![o; structure.rows],
             gradient: vec![o; structure.rows],
@@ -102,6 +128,7 @@ impl<T: Real> Solution<T> {
     pub(crate) fn clear(&mut self) {
         self.z.fill(Wrench::zero());
         self.a.fill(Motion::zero());
+        self.z_modes.fill(Arithmetic::<T>::splat(0.0));
         self.g.fill(Arithmetic::<T>::splat(0.0));
         self.sizes.fill(Arithmetic::<T>::splat(0.0));
     }
@@ -110,20 +137,20 @@ impl<T: Real> Solution<T> {
     pub(crate) fn run(
         &mut self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        tree: &Tree<T>,
         frames: &Frames<T>,
         factors: &Factors<T>,
         load: &Load<'_, Arithmetic<T>>,
         out: &mut [T],
     ) {
         let out = T::arithmetic_mut(out);
-        Arithmetic::<T>::dispatch(Run { solution: self, structure, layout, frames, factors, load, out });
+        Arithmetic::<T>::dispatch(Run { solution: self, structure, tree, frames, factors, load, out });
     }
     #[inline(always)]
     fn sweep(
         &mut self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        tree: &Tree<T>,
         frames: &Frames<T>,
         factors: &Factors<T>,
         load: &Load<'_, Arithmetic<T>>,
@@ -132,20 +159,32 @@ impl<T: Real> Solution<T> {
         for (term, g) in self.sizes.iter_mut().zip(&self.g) {
             *term = larger(*term, size(*g));
         }
+        self.carried.fill((Motion::zero(), Arithmetic::<T>::splat(0.0)));
         // The ground comes last inward, and first outward.
-        let ground = layout.len();
+        let ground = tree.len();
         for k in (0..ground).rev().chain([ground]) {
             for index in structure.stations[k].closes.clone() {
+                self.take_carried(structure, frames, index);
                 self.close(structure, factors, index, k);
             }
             if k == ground {
                 break;
             }
-            self.filter(structure, layout, factors, load, k);
-            let parent = layout.bodies()[k].parent;
-            if parent != GROUND {
+            let body = &tree.bodies[k];
+            match body.joint {
+                Joint::Modes(i) => self.filter_modes(structure, factors, load, k, (i, body.v, body.nv)),
+                _ => self.filter(structure, tree, frames, factors, load, k),
+            }
+            if body.parent != GROUND {
                 let z = transform(&frames.poses[k]).wrench_to_parent(self.z[k]);
-                self.z[parent] += z;
+                self.z[body.parent] += z;
+                if let Some(first) = structure.attached[k] {
+                    let flexible = &tree.bodies[body.parent];
+                    let modes = &mut self.z_modes[flexible.v - self.first_mode..][..flexible.nv];
+                    for (sum, screw) in modes.iter_mut().zip(&frames.screws[first..]) {
+                        *sum += motion(*screw).dot(z);
+                    }
+                }
             }
         }
         self.largest = Arithmetic::<T>::splat(0.0);
@@ -153,10 +192,22 @@ impl<T: Real> Solution<T> {
         for k in [ground].into_iter().chain(0..ground) {
             let mut alpha = at_ground;
             if k < ground {
-                let parent = layout.bodies()[k].parent;
-                let inboard = if parent == GROUND { at_ground } else { self.alpha[parent] };
+                let body = &tree.bodies[k];
+                let mut inboard = if body.parent == GROUND { at_ground } else { self.alpha[body.parent] };
+                if let Some(first) = structure.attached[k] {
+                    let flexible = &tree.bodies[body.parent];
+                    let rates = &out[flexible.v..flexible.v + flexible.nv];
+                    for (screw, x) in frames.screws[first..].iter().zip(rates) {
+                        inboard += motion(*screw).scale(*x);
+                    }
+                }
                 let inboard = transform(&frames.poses[k]).motion_to_child(inboard);
-                self.smooth(structure, layout, factors, load, k, inboard, out);
+                match body.joint {
+                    Joint::Modes(i) => {
+                        self.smooth_modes(structure, factors, k, (i, body.v, body.nv), inboard, out);
+                    }
+                    _ => self.smooth(structure, tree, factors, load, k, inboard, out),
+                }
                 alpha = self.alpha[k];
             }
             for index in structure.stations[k].closes.clone().rev() {
@@ -196,6 +247,23 @@ impl<T: Real> Solution<T> {
             self.zeta[block..block + done.left].copy_from_slice(&self.x[done.rank..done.rank + done.left]);
         }
     }
+    /// g −= C_r a of all bodies of a loop.
+    #[inline(always)]
+    fn take_carried(&mut self, structure: &Structure<T>, frames: &Frames<T>, index: usize) {
+        let Some(of) = structure.operations[index].closes else { return };
+        let l = &structure.loops[of];
+        if matches!(l.kind, LoopKind::Gear { .. }) {
+            return;
+        }
+        let none = (Motion::zero(), Arithmetic::<T>::splat(0.0));
+        let [(inner, a), (outer, b)] = l.strands.map(|strand| strand.map_or(none, |s| self.carried[s]));
+        let (motion, term) = (frames.relative_motion(of, inner, outer), larger(a, b));
+        for (i, row) in l.rows.clone().enumerate() {
+            let weight = weight(structure, l, i).to_arithmetic();
+            self.g[row] -= motion.dot(frames.row(of, i)) * weight;
+            self.note(row, term);
+        }
+    }
     /// Closes a loop at body k: h, and what it adds to z and g.
     #[inline(always)]
     fn close(&mut self, structure: &Structure<T>, factors: &Factors<T>, index: usize, k: usize) {
@@ -205,8 +273,7 @@ impl<T: Real> Solution<T> {
         self.turn(structure, factors, operation, done);
         let of = operation.closes.unwrap_or(0);
         let rows = structure.loops[of].rows.clone();
-        let lead = operation.most;
-        let R = |t: usize, c: usize| factors.matrix[operation.number + c * lead + t];
+        let R = |t: usize, c: usize| factors.matrix[operation.number + t * operation.width + c];
         let pivots = &factors.pivots[operation.step..][..done.rank];
         let inverse = done.scale.recip();
         // h on the stack, which is free again.
@@ -247,22 +314,53 @@ impl<T: Real> Solution<T> {
             }
         }
     }
+    /// Brings what a join takes to where the residuals of its joint are set.
+    #[inline(always)]
+    fn enter(&mut self, structure: &Structure<T>, factors: &Factors<T>, joined: Option<&Operation>) -> Own {
+        match joined {
+            Some(operation) if operation.in_place => Own::Block(appended(structure, factors, operation)),
+            Some(operation) => Own::Stack(self.gather(structure, factors, operation)),
+            None => Own::Nowhere,
+        }
+    }
+    /// ζ of the i-th passive degree of freedom of a joint.
+    #[inline(always)]
+    fn set_residual(&mut self, own: Own, i: usize, zeta: Arithmetic<T>) {
+        match own {
+            Own::Block(row) => self.zeta[row + i] = zeta,
+            Own::Stack(row) => self.stack[row + i] = zeta,
+            Own::Nowhere => {}
+        }
+    }
+    /// η of the i-th passive degree of freedom of a joint: what the loops demand.
+    #[inline(always)]
+    fn residual(&self, own: Own, i: usize) -> Arithmetic<T> {
+        match own {
+            Own::Block(row) => self.eta[row + i],
+            Own::Stack(row) => self.stack[row + i],
+            Own::Nowhere => Arithmetic::<T>::splat(0.0),
+        }
+    }
     /// The filter at the joint of body k.
     #[inline(always)]
     fn filter(
         &mut self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        tree: &Tree<T>,
+        frames: &Frames<T>,
         factors: &Factors<T>,
         load: &Load<'_, Arithmetic<T>>,
         k: usize,
     ) {
-        let (body, station) = (&layout.bodies()[k], &structure.stations[k]);
+        let (body, station) = (&tree.bodies[k], &structure.stations[k]);
         let o = Arithmetic::<T>::splat(0.0);
+        let hinge = body.hinge();
         let prescribed = |i: usize| load.prescribed.map_or(o, |a| a[body.v + i]);
         let is_active = |i: usize| factors.roots[body.v + i] == o;
-        for i in (0..body.hinge.nv()).filter(|&i| is_active(i)) {
-            body.hinge.add_axis(i, prescribed(i), &mut self.a[k]);
+        for i in (0..body.nv).filter(|&i| is_active(i)) {
+            if let Some(hinge) = hinge {
+                hinge.add_axis(i, prescribed(i), &mut self.a[k]);
+            }
             for entry in station.entries.iter().filter(|e| e.component == i) {
                 let l = &structure.loops[entry.of];
                 let term = (entry.coefficient * weight(structure, l, 0)).to_arithmetic() * prescribed(i);
@@ -272,35 +370,29 @@ impl<T: Real> Solution<T> {
         }
         let a = self.a[k];
         for &b in &station.waiting {
-            let first = structure.blocks[b].row;
-            for row in first..first + factors.block_rows[b] {
-                self.zeta[row] += a.dot(factors.block_x[row]);
+            let block = &structure.blocks[b];
+            for i in 0..factors.block_rows[b] {
+                self.zeta[block.row + i] += a.dot(factors.block_x[block.x + i]);
             }
         }
+        let a_size = larger(most_of(a.angular) * Arithmetic::<T>::splat(structure.length), most_of(a.linear));
         for passing in &station.passes {
-            for (i, row) in structure.loops[passing.of].rows.clone().enumerate() {
-                let term = a.dot(factors.kept[passing.kept + i]);
-                self.g[row] -= term;
-                self.note(row, term);
-            }
+            let along = transform(&frames.along[passing.place]);
+            let (sum, size) = &mut self.carried[passing.strand];
+            *sum += along.motion_to_child(a);
+            *size = larger(*size, a_size);
         }
         self.z[k] += factors.inertia[k].times(a);
-        let rows = match station.join {
-            Some(index) => self.gather(structure, factors, &structure.operations[index]),
-            None => 0,
-        };
+        let joined = station.join.map(|index| &structure.operations[index]);
+        let own = self.enter(structure, factors, joined);
         let mut passed = 0;
-        for i in 0..body.hinge.nv() {
-            if is_active(i) {
-                continue;
-            }
+        for i in 0..body.nv {
+            let Some(hinge) = hinge.filter(|_| !is_active(i)) else { continue };
             let tau = load.tau.map_or(o, |tau| tau[body.v + i]);
-            let s = (tau - body.hinge.project(i, &self.z[k])) / factors.roots[body.v + i];
+            let s = (tau - hinge.project(i, &self.z[k])) * factors.inverses[body.v + i];
             self.z[k] = factors.xi[body.v + i].scale_add(s, self.z[k]);
             self.s[body.v + i] = s;
-            if station.join.is_some() {
-                self.stack[rows + passed] = -s;
-            }
+            self.set_residual(own, passed, -s);
             passed += 1;
         }
         if passed == 6 {
@@ -310,7 +402,7 @@ impl<T: Real> Solution<T> {
                 Wrench::from_array([t[0], t[1], t[2], t[3], t[4], t[5]])
             });
         }
-        if let Some(index) = station.join {
+        if let Some(index) = station.join.filter(|&index| !structure.operations[index].in_place) {
             self.turn(structure, factors, &structure.operations[index], &factors.done[index]);
         }
     }
@@ -334,31 +426,36 @@ impl<T: Real> Solution<T> {
         }
         row
     }
+    /// Gives η of what leaves body k back to the blocks that its join took; returns where those of its own joint are.
+    #[inline(always)]
+    fn part(&mut self, structure: &Structure<T>, factors: &Factors<T>, k: usize) -> Own {
+        let Some(index) = structure.stations[k].join else { return Own::Nowhere };
+        let (operation, done) = (&structure.operations[index], &factors.done[index]);
+        if operation.in_place {
+            return Own::Block(appended(structure, factors, operation));
+        }
+        let output = operation.output.map_or(0, |b| structure.blocks[b].row);
+        self.x[..done.left].copy_from_slice(&self.eta[output..output + done.left]);
+        Own::Stack(self.scatter(structure, factors, operation, done, done.left))
+    }
     /// The smoother at the joint of body k, whose parent gives it α⁺.
     #[allow(clippy::too_many_arguments)]
     #[inline(always)]
     fn smooth(
         &mut self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        tree: &Tree<T>,
         factors: &Factors<T>,
         load: &Load<'_, Arithmetic<T>>,
         k: usize,
         mut alpha: Motion<Arithmetic<T>>,
         out: &mut [Arithmetic<T>],
     ) {
-        let body = &layout.bodies()[k];
+        let body = &tree.bodies[k];
         let o = Arithmetic::<T>::splat(0.0);
-        let mut xi_row = 0;
-        if let Some(index) = structure.stations[k].join {
-            let (operation, done) = (&structure.operations[index], &factors.done[index]);
-            let output = operation.output.map_or(0, |b| structure.blocks[b].row);
-            self.x[..done.left].copy_from_slice(&self.eta[output..output + done.left]);
-            xi_row = self.scatter(structure, factors, operation, done, done.left);
-        }
-        let nv = body.hinge.nv();
+        let own = self.part(structure, factors, k);
+        let nv = body.nv;
         let mut passed = (0..nv).filter(|&i| factors.roots[body.v + i] != o).count();
-        let joined = structure.stations[k].join.is_some();
         for i in (0..nv).rev() {
             let at = body.v + i;
             if factors.roots[at] == o {
@@ -366,9 +463,11 @@ impl<T: Real> Solution<T> {
                 continue;
             }
             passed -= 1;
-            let xi = if joined { self.stack[xi_row + passed] } else { o };
-            out[at] = (xi - alpha.dot(factors.xi[at]) + self.s[at]) / factors.roots[at];
-            body.hinge.add_axis(i, out[at], &mut alpha);
+            out[at] =
+                (self.residual(own, passed) - alpha.dot(factors.xi[at]) + self.s[at]) * factors.inverses[at];
+            if let Some(hinge) = body.hinge() {
+                hinge.add_axis(i, out[at], &mut alpha);
+            }
         }
         self.alpha[k] = alpha + self.a[k];
     }
@@ -437,7 +536,7 @@ impl<T: Real> Solution<T> {
 struct Run<'a, T: Real> {
     solution: &'a mut Solution<T>,
     structure: &'a Structure<T>,
-    layout: &'a Layout<T>,
+    tree: &'a Tree<T>,
     frames: &'a Frames<T>,
     factors: &'a Factors<T>,
     load: &'a Load<'a, Arithmetic<T>>,
@@ -448,9 +547,16 @@ impl<T: Real> Kernel for Run<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run(self) {
-        let Run { solution, structure, layout, frames, factors, load, out } = self;
-        solution.sweep(structure, layout, frames, factors, load, out);
+        let Run { solution, structure, tree, frames, factors, load, out } = self;
+        solution.sweep(structure, tree, frames, factors, load, out);
     }
+}
+
+/// The first row that a join in place appends to its block, among all blocks' rows.
+#[inline(always)]
+fn appended<T: Real>(structure: &Structure<T>, factors: &Factors<T>, operation: &Operation) -> usize {
+    let first = operation.output.map_or(0, |b| structure.blocks[b].row);
+    first + operation.inputs.first().map_or(0, |(b, _)| factors.block_rows[*b])
 }
 
 /// The largest component of a vector.

@@ -7,9 +7,11 @@
 //! | strand | the path of a loop from one of its ends up to its ancestor, the ancestor not included |
 //! | block | rows of a front with common columns: residuals of a subtree and the open loops that they enter |
 //! | close | eliminates one loop at its ancestor from the blocks that it enters; the others' rows are one block after it |
-//! | join | appends a joint's rows to the blocks of its body: one block that goes up to the parent |
+//! | join | appends a joint's rows to the blocks of its body: one block that goes up to the parent; in place, where one block waits |
 
 use crate::error::ClosureError;
+use crate::reflections::GROUP;
+use crate::tree::Tree;
 use phipsi_model::{ClosureKind, Model};
 use phipsi_recursion::Layout;
 use phipsi_recursion::layout::GROUND;
@@ -60,6 +62,8 @@ pub(crate) struct Loop<T> {
     pub(crate) ancestor: usize,
     /// The strands of its ends A and B, where they have one.
     pub(crate) strands: [Option<usize>; 2],
+    /// First of the n places of Π of its ends A and B, where they are on a flexible body.
+    pub(crate) attached: [Option<usize>; 2],
 }
 
 /// Rows of a loop as they pass one joint of a strand.
@@ -67,12 +71,14 @@ pub(crate) struct Loop<T> {
 pub(crate) struct Passing {
     pub(crate) of: usize,
     pub(crate) strand: usize,
-    /// First of the m places where C_r of this strand is kept at this body.
-    pub(crate) kept: usize,
+    /// Place of this body among those of all strands.
+    pub(crate) place: usize,
     /// First column in the block that leaves the joint.
     pub(crate) column: usize,
     /// The parent is the ancestor: nothing of C goes there.
     pub(crate) last: bool,
+    /// Of modes: first of the n places of Π of what the strand comes from.
+    pub(crate) attached: usize,
 }
 
 /// The way of a loop from one end to its ancestor.
@@ -102,10 +108,12 @@ pub(crate) struct Block {
     pub(crate) width: usize,
     /// Most rows that it can have.
     pub(crate) most: usize,
-    /// First row among all blocks' rows.
+    /// First row among all blocks' rows; the same for blocks that grow in place.
     pub(crate) row: usize,
-    /// First number of W among all blocks' (row after row).
+    /// First number of W among all blocks' (row after row); likewise.
     pub(crate) number: usize,
+    /// First row of X among all blocks', each in the frame of its own body.
+    pub(crate) x: usize,
 }
 
 /// What an elimination takes and gives.
@@ -122,10 +130,15 @@ pub(crate) struct Operation {
     pub(crate) other_loops: Vec<(usize, usize)>,
     /// The block that remains.
     pub(crate) output: Option<usize>,
+    /// Rows are appended to the only block that it takes, or begin one: there is no matrix.
+    pub(crate) in_place: bool,
     /// Most rows that are stacked.
     pub(crate) most: usize,
-    /// First number of its matrix, of its rows and of its steps among all operations'.
+    /// Numbers of a row of its matrix.
+    pub(crate) width: usize,
+    /// First number of its matrix, of its reflections, of its rows and of its steps among all operations'.
     pub(crate) number: usize,
+    pub(crate) reflection: usize,
     pub(crate) row: usize,
     pub(crate) step: usize,
 }
@@ -167,6 +180,10 @@ pub(crate) struct Structure<T> {
     pub(crate) strands: Vec<Strand>,
     /// Bodies of all strands.
     pub(crate) paths: Vec<usize>,
+    /// Of a body on modes: first of its n places of Π.
+    pub(crate) attached: Vec<Option<usize>>,
+    /// Length of the array of all Π.
+    pub(crate) screws: usize,
     /// One per body, then the ground.
     pub(crate) stations: Vec<Station<T>>,
     pub(crate) blocks: Vec<Block>,
@@ -176,10 +193,11 @@ pub(crate) struct Structure<T> {
     /// Number of rows of all loops.
     pub(crate) rows: usize,
     /// Lengths of the arrays.
-    pub(crate) kept: usize,
     pub(crate) strand_rows: usize,
     pub(crate) block_rows: usize,
     pub(crate) block_numbers: usize,
+    pub(crate) block_x: usize,
+    pub(crate) reflections: usize,
     pub(crate) operation_rows: usize,
     pub(crate) operation_numbers: usize,
     pub(crate) operation_steps: usize,
@@ -192,41 +210,62 @@ pub(crate) struct Structure<T> {
 }
 
 impl<T: Real> Structure<T> {
-    /// Finds the loops of a model whose tree is `layout`.
-    pub(crate) fn new(model: &Model, layout: &Layout<T>) -> Result<Self, ClosureError> {
+    /// Finds the loops of a model whose tree is `layout`, or `tree`.
+    pub(crate) fn new(model: &Model, layout: &Layout<T>, tree: &Tree<T>) -> Result<Self, ClosureError> {
         let mut structure = Structure {
-            loops: loops(model, layout)?,
+            loops: loops(model, layout, tree)?,
             strands: Vec::new(),
             paths: Vec::new(),
-            stations: vec![Station::empty(); layout.len() + 1],
+            attached: Vec::with_capacity(tree.len()),
+            screws: 0,
+            stations: vec![Station::empty(); tree.len() + 1],
             blocks: Vec::new(),
             operations: Vec::new(),
             closings: Vec::new(),
             rows: 0,
-            kept: 0,
             strand_rows: 0,
             block_rows: 0,
             block_numbers: 0,
+            block_x: 0,
+            reflections: 0,
             operation_rows: 0,
             operation_numbers: 0,
             operation_steps: 0,
             depth: 0,
-            length: scene_length(model, layout),
+            length: scene_length(model, tree),
             nesting: 0,
         };
         structure.rows = structure.loops.last().map_or(0, |l| l.rows.end);
-        let depths = depths(layout);
+        let depths = depths(tree);
         structure.depth = depths.iter().fold(0, |most, d| most.max(*d));
-        structure.open(layout, &depths);
-        structure.eliminate(layout);
+        structure.attach(tree);
+        structure.open(layout, tree, &depths);
+        structure.eliminate(tree);
         Ok(structure)
     }
+    /// Places of Π of all that is on flexible bodies.
+    fn attach(&mut self, tree: &Tree<T>) {
+        let mut screws = 0;
+        let mut place = |modes: usize| {
+            screws += modes;
+            screws - modes
+        };
+        for body in &tree.bodies {
+            self.attached.push(body.on.map(|_| place(tree.bodies[body.parent].nv)));
+        }
+        for l in &mut self.loops {
+            let LoopKind::Frames { a, b, .. } = l.kind else { continue };
+            let on = |end: End<T>| tree.modes(end.body).map(|_| tree.bodies[end.body].nv);
+            l.attached = [on(a), on(b)].map(|modes| modes.map(&mut place));
+        }
+        self.screws = screws;
+    }
     /// Finds the ancestor of every loop and lays its strands.
-    fn open(&mut self, layout: &Layout<T>, depths: &[usize]) {
-        let bodies = layout.bodies();
+    fn open(&mut self, layout: &Layout<T>, tree: &Tree<T>, depths: &[usize]) {
+        let bodies = &tree.bodies;
         let mut carrier = vec![GROUND; layout.nv()];
         for (k, body) in bodies.iter().enumerate() {
-            carrier[body.v..body.v + body.hinge.nv()].fill(k);
+            carrier[body.v..body.v + body.nv].fill(k);
         }
         for of in 0..self.loops.len() {
             let m = self.loops[of].rows.len();
@@ -236,7 +275,7 @@ impl<T: Real> Structure<T> {
             };
             // A coupling opens at its joints: its branches meet above them.
             let tops = if gear { ends.map(|k| bodies[k].parent) } else { ends };
-            let ancestor = common_ancestor(layout, depths, tops);
+            let ancestor = common_ancestor(tree, depths, tops);
             self.loops[of].ancestor = ancestor;
             let depth = |k: usize| if k == GROUND { 0 } else { depths[k] };
             // Of two joints on one path the outer one comes first: its strand passes the other.
@@ -245,7 +284,7 @@ impl<T: Real> Structure<T> {
                 let start = ends[side];
                 if start == ancestor
                     || start == GROUND
-                    || self.stations[start].passes.iter().any(|p| p.of == of)
+                    || (gear && self.stations[start].passes.iter().any(|p| p.of == of))
                 {
                     continue;
                 }
@@ -257,10 +296,18 @@ impl<T: Real> Structure<T> {
                     self.stations[start].begins.push(strand);
                 }
                 let mut k = start;
+                let mut attached = self.loops[of].attached[side];
                 while k != ancestor {
                     let last = bodies[k].parent == ancestor;
-                    self.stations[k].passes.push(Passing { of, strand, kept: self.kept, column: 0, last });
-                    self.kept += m;
+                    self.stations[k].passes.push(Passing {
+                        of,
+                        strand,
+                        place: self.paths.len(),
+                        column: 0,
+                        last,
+                        attached: attached.unwrap_or(0),
+                    });
+                    attached = self.attached[k];
                     self.paths.push(k);
                     self.strands[strand].bodies += 1;
                     k = bodies[k].parent;
@@ -276,15 +323,15 @@ impl<T: Real> Structure<T> {
         }
     }
     /// Lays out blocks and operations, tip to base.
-    fn eliminate(&mut self, layout: &Layout<T>) {
-        let n = layout.len();
+    fn eliminate(&mut self, tree: &Tree<T>) {
+        let n = tree.len();
         let mut closing: Vec<Vec<usize>> = vec![Vec::new(); n + 1];
         for (of, l) in self.loops.iter().enumerate() {
             closing[l.ancestor.min(n)].push(of);
         }
         for k in (0..n).rev() {
             self.close_all(k, &closing[k]);
-            self.join(k, layout.bodies()[k].hinge.nv(), layout.bodies()[k].parent.min(n));
+            self.join(k, tree.bodies[k].nv, tree.bodies[k].parent.min(n));
         }
         self.close_all(n, &closing[n]);
     }
@@ -297,6 +344,11 @@ impl<T: Real> Structure<T> {
         let mut width = 0;
         for i in 0..self.stations[k].passes.len() {
             let of = self.stations[k].passes[i].of;
+            // Both strands of a loop that meet on a flexible body pass its modes.
+            if let Some(&(_, column)) = columns.iter().find(|(o, _)| *o == of) {
+                self.stations[k].passes[i].column = column;
+                continue;
+            }
             self.stations[k].passes[i].column = width;
             columns.push((of, width));
             width += self.loops[of].rows.len();
@@ -304,9 +356,22 @@ impl<T: Real> Structure<T> {
         self.nesting += width * width;
         let taken = self.stations[k].waiting.clone();
         let rows = taken.iter().map(|&b| self.blocks[b].most).sum::<usize>() + freedoms;
-        let most = rows.min(2 * width);
-        let output = self.block(columns.clone(), width, most);
-        let operation = self.operation(None, &taken, 0, columns, width, rows, Some(output));
+        let extended = match taken[..] {
+            [] => true,
+            [b] => {
+                // Its rows must be the last ones, so that there is room after them.
+                let block = &self.blocks[b];
+                let ends = (block.row + block.most, block.number + block.most * width);
+                block.columns == columns && ends == (self.block_rows, self.block_numbers)
+            }
+            _ => false,
+        };
+        let in_place = extended && rows <= 2 * width;
+        let output = match taken[..] {
+            [b] if in_place => self.extend(b, freedoms),
+            _ => self.block(columns.clone(), width, rows.min(2 * width)),
+        };
+        let operation = self.operation(None, &taken, 0, columns, width, rows, Some(output), in_place);
         self.stations[k].join = Some(operation);
         self.stations[parent].waiting.push(output);
     }
@@ -345,7 +410,8 @@ impl<T: Real> Structure<T> {
             let rows = taken.iter().map(|&b| self.blocks[b].most).sum::<usize>() + m;
             let output =
                 (width > 0 && !taken.is_empty()).then(|| self.block(columns.clone(), width, rows.min(width)));
-            let operation = self.operation(Some(loops[i]), &taken, m, columns.clone(), width, rows, output);
+            let (columns_of, of) = (columns.clone(), Some(loops[i]));
+            let operation = self.operation(of, &taken, m, columns_of, width, rows, output, false);
             self.closings.push(operation);
             alive.retain(|b| !taken.contains(b));
             alive.extend(output);
@@ -380,9 +446,22 @@ impl<T: Real> Structure<T> {
         (columns, width)
     }
     fn block(&mut self, columns: Vec<(usize, usize)>, width: usize, most: usize) -> usize {
-        self.blocks.push(Block { columns, width, most, row: self.block_rows, number: self.block_numbers });
+        let (row, number, x) = (self.block_rows, self.block_numbers, self.block_x);
+        self.blocks.push(Block { columns, width, most, row, number, x });
         self.block_rows += most;
         self.block_numbers += most * width;
+        self.block_x += most;
+        self.blocks.len() - 1
+    }
+    /// The last block with more rows, in the same place but for X, which is in the frame of another body.
+    fn extend(&mut self, block: usize, more: usize) -> usize {
+        let mut block = self.blocks[block].clone();
+        block.most += more;
+        block.x = self.block_x;
+        self.block_rows += more;
+        self.block_numbers += more * block.width;
+        self.block_x += block.most;
+        self.blocks.push(block);
         self.blocks.len() - 1
     }
     #[allow(clippy::too_many_arguments)]
@@ -395,6 +474,7 @@ impl<T: Real> Structure<T> {
         others: usize,
         most: usize,
         output: Option<usize>,
+        in_place: bool,
     ) -> usize {
         let column_of = |of: usize| {
             if Some(of) == closes {
@@ -416,6 +496,8 @@ impl<T: Real> Structure<T> {
             })
             .collect();
         let (number, row, step) = (self.operation_numbers, self.operation_rows, self.operation_steps);
+        let (reflection, columns) = (self.reflections, closing + others);
+        let width = (columns + 6).next_multiple_of(GROUP);
         self.operations.push(Operation {
             closes,
             inputs,
@@ -423,14 +505,20 @@ impl<T: Real> Structure<T> {
             others,
             other_loops,
             output,
+            in_place,
             most,
+            width,
             number,
+            reflection,
             row,
             step,
         });
-        self.operation_numbers += most * (closing + others + 6);
-        self.operation_rows += most;
-        self.operation_steps += closing + others;
+        if !in_place {
+            self.operation_numbers += most * width;
+            self.reflections += most * columns.min(most);
+            self.operation_rows += most;
+            self.operation_steps += columns;
+        }
         self.operations.len() - 1
     }
 }

@@ -2,5 +2,7 @@
 
 mod against_reference;
 mod allocation;
+mod flexible;
 mod identities;
 mod mechanisms;
+mod tree_choice;

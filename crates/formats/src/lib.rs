@@ -24,6 +24,8 @@ pub mod dcd;
 pub mod expression;
 mod file;
 mod joint_kind;
+pub mod matrix_market;
+pub mod node_table;
 pub mod pdb;
 pub mod prmtop;
 pub mod report;

@@ -2,6 +2,7 @@
 
 mod dcd;
 mod expression;
+mod matrix_market;
 mod mutation;
 mod pdb;
 mod prmtop;

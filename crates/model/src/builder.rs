@@ -68,6 +68,11 @@ impl ModelBuilder {
         self.nodes.insert(joint.name.clone(), node.into());
         self.joint(joint, parent, child)
     }
+    /// Puts joints at nodes of their flexible parents.
+    pub(crate) fn with_nodes(mut self, nodes: impl IntoIterator<Item = (String, String)>) -> Self {
+        self.nodes.extend(nodes);
+        self
+    }
     /// Adds a coupling between two joints (URDF `mimic`).
     pub fn coupling(mut self, coupling: Coupling) -> Self {
         self.couplings.push(coupling);

@@ -2,7 +2,7 @@
 //!
 //! The material point at s0 of the undeformed body is at s0 + Σ η_l ψ_l(s0) in F. All that the dynamics needs of the shapes are
 //! integrals over the body, [`ShapeIntegrals`], and their values at the few points where other bodies attach, [`Node`]s.
-//! Integrals come from a [`Beam`], from [`MassPoint`]s, from a finite element model ([`CraigBampton`]), or as numbers.
+//! Integrals come from a [`Beam`], from [`MassPoint`]s, from a finite element model (`CraigBampton`, with the feature `finite-elements`), or as numbers.
 //!
 //! | symbol | meaning | shape | here |
 //! |---|---|---|---|
@@ -21,19 +21,26 @@
 
 mod beam;
 mod check;
+#[cfg(feature = "finite-elements")]
+mod clamped_modes;
+#[cfg(feature = "finite-elements")]
 mod craig_bampton;
 mod points;
 mod quadrature;
 mod shapes;
+mod symmetric_matrix;
 
 pub use beam::{Beam, BeamModes, Section};
-pub use craig_bampton::{CraigBampton, ImportReport, InterfaceNode};
+#[cfg(feature = "finite-elements")]
+pub use craig_bampton::{CraigBampton, ImportReport, InterfaceNode, KeptModes};
 pub use points::MassPoint;
 pub use shapes::{BeamShape, clamped_free_roots};
+pub use symmetric_matrix::{MatrixError, SymmetricMatrix};
 
 pub(crate) use check::check_flexible;
 
 use crate::{Inertia, Placement};
+use nalgebra::DMatrix;
 
 /// A 3×3 matrix, by rows.
 pub type Matrix3 = [[f64; 3]; 3];
@@ -168,6 +175,25 @@ impl FlexibleBody {
     /// Number of modes.
     pub fn modes(&self) -> usize {
         self.integrals.modes()
+    }
+    /// Squares of the natural frequencies with F held, rad²/s², rising: K x = M_ee x ω². `None` if M_ee is not positive definite
+    /// or a number is not finite.
+    pub fn squared_frequencies(&self) -> Option<Vec<f64>> {
+        let n = self.modes();
+        if n == 0 {
+            return Some(Vec::new());
+        }
+        let mass = self.integrals.modal_mass();
+        if mass.iter().chain(&self.stiffness).any(|x| !x.is_finite()) || self.stiffness.len() != n * n {
+            return None;
+        }
+        let root = DMatrix::from_row_slice(n, n, &mass).cholesky()?.l();
+        let left = root.solve_lower_triangular(&DMatrix::from_row_slice(n, n, &self.stiffness))?;
+        let both = root.solve_lower_triangular(&left.transpose())?;
+        let values = ((&both + both.transpose()) * 0.5).symmetric_eigenvalues();
+        let mut values: Vec<f64> = values.iter().copied().collect();
+        values.sort_by(f64::total_cmp);
+        Some(values)
     }
     /// Index of a node by name.
     pub fn find_node(&self, name: &str) -> Option<usize> {

@@ -28,9 +28,11 @@ pub mod violation;
 pub use builder::{Base, ModelBuilder};
 pub use closure::{Closure, ClosureKind};
 pub use flexible::{
-    Beam, BeamModes, CraigBampton, FlexibleBody, InterfaceNode, MassPoint, Node, Section, ShapeIntegrals,
-    Stiffening,
+    Beam, BeamModes, FlexibleBody, MassPoint, MatrixError, Node, Section, ShapeIntegrals, Stiffening,
+    SymmetricMatrix,
 };
+#[cfg(feature = "finite-elements")]
+pub use flexible::{CraigBampton, ImportReport, InterfaceNode, KeptModes};
 pub use joint::{Joint, JointKind, Limits, Placement};
 pub use model::{Body, Coupling, Inertia, Model, NameError};
 pub use random::Random;

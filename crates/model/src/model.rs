@@ -2,7 +2,7 @@
 
 use crate::flexible::{FlexibleBody, Node};
 use crate::violation::{ModelErrors, Subject, Violation};
-use crate::{Closure, Joint, JointKind, Placement};
+use crate::{Closure, Joint, JointKind, ModelBuilder, Placement};
 use phipsi_spatial::{Quaternion, Real, RigidInertia, Sym3, Vec3};
 use phipsi_topology::Tree;
 use std::collections::HashMap;
@@ -229,6 +229,55 @@ impl Model {
         }
         self.closures.push(closure);
         Ok(self)
+    }
+    /// A builder that holds this model, to build another one from it. Bodies and joints in the model's order.
+    pub fn to_builder(&self) -> ModelBuilder {
+        let mut builder = ModelBuilder::new(self.name.clone()).gravity(self.gravity);
+        for (k, body) in self.bodies.iter().enumerate() {
+            let parent = self.tree.parent(k).map_or("world", |p| self.bodies[p].name.as_str());
+            let joint = self.joints[k].clone();
+            builder = match self.attachment(k) {
+                Some(node) => builder.joint_at_node(joint, parent, node.name.clone(), body.name.clone()),
+                None => builder.joint(joint, parent, body.name.clone()),
+            };
+            builder = builder.body(body.clone());
+        }
+        let with_couplings = self.couplings.iter().fold(builder, |b, c| b.coupling(c.clone()));
+        self.closures.iter().fold(with_couplings, |b, c| b.closure(c.clone()))
+    }
+    /// The same model with a flexible body in place of the body of this name: `nodes` says, by joint, at which of its nodes the
+    /// joints outboard of it are; others stay where they are in its frame.
+    ///
+    /// # Errors
+    /// [`ModelErrors`], as [`ModelBuilder::build`]; a body or joint that does not exist.
+    pub fn with_flexible_body(
+        &self,
+        name: &str,
+        body: FlexibleBody,
+        nodes: &[(String, String)],
+    ) -> Result<Model, ModelErrors> {
+        let unknown = |subject: Subject, e: NameError| {
+            let required = format!("one of {}", e.known.join(", "));
+            ModelErrors(vec![Violation::error(subject, e.to_string(), required, "correct the name")])
+        };
+        let subject = || Subject::Body(name.into());
+        let Some(k) = self.find_body(name).map_err(|e| unknown(subject(), e))? else {
+            let remedy = "name a body of the model";
+            return Err(ModelErrors(vec![Violation::error(subject(), "the world", "a body", remedy)]));
+        };
+        let mut attached = HashMap::new();
+        for (joint, node) in nodes {
+            let j = self.find_joint(joint).map_err(|e| unknown(Subject::Joint(joint.clone()), e))?;
+            attached.insert(j, node.clone());
+        }
+        let mut copy = self.clone();
+        copy.bodies[k] = Body::flexible(name, body);
+        for j in (0..copy.len()).filter(|&j| copy.tree.parent(j) == Some(k)) {
+            copy.nodes[j] = None;
+        }
+        copy.to_builder()
+            .with_nodes(attached.into_iter().map(|(j, node)| (self.joints[j].name.clone(), node)))
+            .build()
     }
     /// The tree alone: the same model without closures and couplings.
     pub fn without_closures(mut self) -> Self {

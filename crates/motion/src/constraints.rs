@@ -151,7 +151,7 @@ impl Constraints {
     /// For a model; `None` if it is a tree of which nothing is prescribed, unless it is `forced`.
     ///
     /// # Errors
-    /// [`ClosureError`]: bodies that are flexible, a coupling that cannot be; [`MotionError::Prescription`].
+    /// [`ClosureError`]: a coupling that cannot be; [`MotionError::Prescription`].
     pub(crate) fn new(
         model: &Model,
         prescription: &Prescription,

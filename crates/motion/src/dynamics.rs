@@ -64,7 +64,7 @@ impl Dynamics {
     /// With the plan that the scene needs.
     ///
     /// # Errors
-    /// [`MotionError::Closure`] for a coupling that cannot be; [`MotionError::Dynamics`] for loops of flexible bodies.
+    /// [`MotionError::Closure`] for a coupling that cannot be.
     pub fn new(model: &Model, forces: Vec<Box<dyn Force>>) -> Result<Self, MotionError> {
         Self::prescribed(model, forces, &Prescription::default())
     }

@@ -25,11 +25,12 @@ const SUPPORT: [&str; 16] = [
 ];
 
 /// Algorithms of `closure`: all of its public files. The dense twin of the first judges the others, too.
-const CLOSURE: [&str; 5] = ["closed_dynamics", "assembly", "momenta", "projection", "cut_joints"];
+const CLOSURE: [&str; 6] =
+    ["closed_dynamics", "assembly", "momenta", "projection", "cut_joints", "tree_choice"];
 
 /// Files of `closure` that hold parts of those, or none.
-const CLOSURE_SUPPORT: [&str; 9] =
-    ["error", "factors", "frames", "lib", "number", "reflections", "rows", "solution", "structure"];
+const CLOSURE_SUPPORT: [&str; 10] =
+    ["error", "factors", "frames", "lib", "number", "reflections", "rows", "solution", "structure", "tree"];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")

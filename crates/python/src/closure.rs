@@ -4,7 +4,7 @@ use crate::batch::{Argument, Batch};
 use crate::dynamics::{ForwardInfo, forward_judgement};
 use crate::errors::{Failure, argument_error, choice_error, dynamics_error, exception, violations_error};
 use crate::model::{Compiled, Model, Names};
-use phipsi::closure::{ClosedDynamics, ClosureError, Conditions};
+use phipsi::closure::{ClosedDynamics, ClosureError, ClosureMotion, Conditions};
 use phipsi::model::{Closure, ClosureKind, Placement};
 use phipsi::motion::MotionError;
 use phipsi::recursion::{Form, forward_info};
@@ -54,8 +54,31 @@ fn placement(object: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Placemen
     Ok(Placement { translation: [x[3], x[7], x[11]], rotation: Quaternion::from_rotation(&rotation).0 })
 }
 
+/// γ, γ̇, γ̈ of all rows from {name: (3, rows)}; closures that are not named rest.
+fn gamma(template: &ClosedDynamics<f64>, given: &Bound<'_, PyDict>) -> PyResult<[Vec<f64>; 3]> {
+    let py = given.py();
+    let mut gamma: [Vec<f64>; 3] = std::array::from_fn(|_| vec![0.0; template.rows()]);
+    for (name, motion) in given {
+        let name: String = name.extract()?;
+        let Some(i) = (0..template.closures()).find(|&i| template.closure(i).0 == name) else {
+            let names: Vec<&str> = (0..template.closures()).map(|i| template.closure(i).0).collect();
+            return Err(choice_error(py, "closure_motion", &name, &names));
+        };
+        let rows = template.closure(i).1;
+        let (argument, count) = ("closure_motion", rows.len());
+        let describe = |at: usize| format!("row {}", at % count.max(1));
+        let meaning = "position, velocity and acceleration of every row";
+        let read = Argument::read(&motion, argument, &[3, count], meaning, &describe)?;
+        crate::simulator::check_single(py, &read)?;
+        for (gamma, part) in gamma.iter_mut().zip(read.at(0).chunks_exact(count)) {
+            gamma[rows.clone()].copy_from_slice(part);
+        }
+    }
+    Ok(gamma)
+}
+
 /// Whole numbers that went through a batch as floats.
-fn as_type<'py>(x: Bound<'py, PyAny>, kind: &str) -> PyResult<Py<PyAny>> {
+pub(crate) fn as_type<'py>(x: Bound<'py, PyAny>, kind: &str) -> PyResult<Py<PyAny>> {
     let py = x.py();
     if let Ok(number) = x.extract::<f64>() {
         return if kind == "bool" {
@@ -78,6 +101,7 @@ impl Model {
         compiled: &Compiled,
         arguments: [&Bound<'py, PyAny>; 3],
         wrenches: Option<&Bound<'py, PyAny>>,
+        closure_motion: Option<&Bound<'py, PyDict>>,
         info: bool,
     ) -> PyResult<Bound<'py, PyAny>> {
         let [q, v, tau] = arguments;
@@ -85,17 +109,24 @@ impl Model {
         let (mut tau, mut wrenches) = (compiled.v(tau, "tau")?, compiled.wrenches(wrenches)?);
         let batch = Batch::of(py, [&mut q, &mut v, &mut tau].into_iter().chain(&mut wrenches.arguments))?;
         let template = compiled.closed(py)?;
+        let gamma = closure_motion.map(|given| gamma(&template, given)).transpose()?;
+        let motion = gamma.as_ref().map(|[position, velocity, acceleration]| ClosureMotion {
+            position,
+            velocity,
+            acceleration,
+        });
         let nv = compiled.model.nv();
         // Accelerations, then what the info holds.
         const MORE: usize = 9;
-        let redundant = std::sync::Mutex::new(Vec::new());
+        // Of the first state: redundant rows, and the one that contradicts the others most.
+        let redundant = std::sync::Mutex::new((Vec::new(), None));
         let out = batch.each(
             py,
             nv + MORE,
             || (template.clone(), wrenches.workspace(), vec![0.0; nv]),
             |(work, scratch, tree_force), i, out| {
                 let loads = wrenches.at(i, scratch);
-                let conditions = Conditions { wrenches: loads, ..Conditions::default() };
+                let conditions = Conditions { wrenches: loads, motion, ..Conditions::default() };
                 let (a, more) = out.split_at_mut(nv);
                 let solved = work.run(q.at(i), v.at(i), tau.at(i), &conditions, a)?;
                 if !info {
@@ -103,7 +134,7 @@ impl Model {
                 }
                 let found = solved.info();
                 if i == 0 {
-                    let all = solved.redundant().to_vec();
+                    let all = (solved.redundant().to_vec(), found.inconsistency);
                     *redundant.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = all;
                 }
                 // What moves the open tree as the loops do.
@@ -140,10 +171,12 @@ impl Model {
         }
         let judged: Vec<f64> = states().flat_map(|s| s[nv..nv + 3].iter().copied()).collect();
         let column = |j: usize| batch.array(py, states().map(|s| s[nv + j]).collect(), &[]);
-        let redundant = redundant.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let name = |r: &phipsi::closure::Redundant| {
-            format!("closure `{}`: {}", template.closure(r.closure).0, template.direction(r.closure, r.row))
+        let (redundant, inconsistency) =
+            redundant.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let name = |closure: usize, row: usize| {
+            format!("closure `{}`: {}", template.closure(closure).0, template.direction(closure, row))
         };
+        let single = batch.place(0).is_none();
         let found = ForwardInfo {
             closure_residual: Some(column(3)?.unbind()),
             velocity_residual: Some(column(4)?.unbind()),
@@ -151,7 +184,10 @@ impl Model {
             error_estimate: Some(column(6)?.unbind()),
             rank: Some(as_type(column(7)?, "int64")?),
             near_singular: Some(as_type(column(8)?, "bool")?),
-            redundant: batch.place(0).is_none().then(|| redundant.iter().map(name).collect()),
+            redundant: single.then(|| redundant.iter().map(|r| name(r.closure, r.row)).collect()),
+            inconsistency: inconsistency
+                .filter(|_| single)
+                .map(|i| format!("{}, by {:.1e} of its terms", name(i.closure, i.row), i.size)),
             ..forward_judgement(py, compiled, &batch, &judged, Form::Plain)?
         };
         (accelerations, Py::new(py, found)?).into_bound_py_any(py)

@@ -8,6 +8,7 @@ use phipsi::recursion::batch::{Input, kernels};
 use phipsi::recursion::{Form, FormForwardDynamics, forward_info};
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 /// The hinge that loses most digits.
 ///
@@ -42,8 +43,8 @@ impl WorstHinge {
 /// Of models with loops, else None: ``closure_residual``, ``velocity_residual``: how far the state is off the closures,
 /// largest of m and rad, m/s and rad/s. ``smallest_pivot``: the weakest closed direction over the scale of its loop;
 /// ``error_estimate``: relative error to expect of it, rounding over that pivot. Floats, or arrays of the batch axes.
-/// ``rank``: independent closure rows, int or array. ``near_singular``: bool or array. ``redundant``: the directions that
-/// others imply, of a single state.
+/// ``rank``: independent closure rows, int or array. ``near_singular``: bool or array. Of a single state: ``redundant``, the
+/// directions that others imply; ``inconsistency``, the one of them that contradicts the others most, None if they agree.
 #[pyclass(frozen, get_all, module = "phipsi")]
 pub struct ForwardInfo {
     /// Backward error, float or array.
@@ -66,6 +67,8 @@ pub struct ForwardInfo {
     pub near_singular: Option<Py<PyAny>>,
     /// Directions that others imply.
     pub redundant: Option<Vec<String>>,
+    /// The one that contradicts the others most.
+    pub inconsistency: Option<String>,
 }
 
 #[pymethods]
@@ -92,6 +95,8 @@ impl Model {
     ///     ones; "refined": corrected once; "square_root": on factors of the inertias, loses none; "double_double": 32 digits;
     ///     "auto": the cheapest that is good, which is measured once per model.
     /// info : True returns (result, ForwardInfo).
+    /// closure_motion : {name: (3, rows)}, positions γ, velocities γ̇ and accelerations γ̈ that closures are given at this instant,
+    ///     in the order of their rows; others rest.
     ///
     /// Models with closures or couplings move with their loops closed (``close_loop``); form is "auto" or "plain" then.
     ///
@@ -113,7 +118,7 @@ impl Model {
     /// True
     /// >>> info.worst_hinge.joint, info.form
     /// ('shoulder', 'plain')
-    #[pyo3(signature = (q, v, tau, wrenches = None, form = "auto", info = false))]
+    #[pyo3(signature = (q, v, tau, wrenches = None, form = "auto", info = false, closure_motion = None))]
     #[allow(clippy::too_many_arguments)]
     fn forward_dynamics<'py>(
         &self,
@@ -124,12 +129,13 @@ impl Model {
         wrenches: Option<&Bound<'py, PyAny>>,
         form: &str,
         info: bool,
+        closure_motion: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let Some(form) = Form::from_name(form) else {
             return Err(choice_error(py, "form", form, &Form::ALL.map(Form::name)));
         };
         let compiled = self.compiled();
-        if compiled.has_loops() {
+        if compiled.has_loops() || closure_motion.is_some() {
             if !matches!(form, Form::Auto | Form::Plain) {
                 return Err(choice_error(
                     py,
@@ -138,7 +144,7 @@ impl Model {
                     &[Form::Auto, Form::Plain].map(Form::name),
                 ));
             }
-            return self.closed_forward_dynamics(py, &compiled, [q, v, tau], wrenches, info);
+            return self.closed_forward_dynamics(py, &compiled, [q, v, tau], wrenches, closure_motion, info);
         }
         let layout = &compiled.layout;
         let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
@@ -469,6 +475,7 @@ pub fn forward_judgement(
         error_estimate: None,
         rank: None,
         near_singular: None,
+        inconsistency: None,
         redundant: None,
     })
 }

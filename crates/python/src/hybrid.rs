@@ -28,7 +28,8 @@ impl Compiled {
 #[pymethods]
 impl Model {
     /// Hybrid dynamics: forces of the active degrees of freedom, whose accelerations are given, and accelerations of the passive
-    /// ones, whose forces are given, in one filter and smoother.
+    /// ones, whose forces are given, in one filter and smoother. Models with closures move with their loops closed; where the
+    /// given accelerations contradict them, the closures are what is violated.
     ///
     /// Parameters
     /// ----------
@@ -43,7 +44,7 @@ impl Model {
     ///
     /// Raises
     /// ------
-    /// ArgumentError; NumericalError at a passive joint without articulated inertia; ModelError if the model has closures.
+    /// ArgumentError; NumericalError at a passive joint without articulated inertia.
     ///
     /// Example
     /// -------
@@ -88,11 +89,16 @@ impl Model {
                 .chain(free.iter().zip(tau.at(state)))
                 .for_each(|(&i, &x)| given[i] = x);
         }
-        let kernel = kernels::HybridDynamics { layout, active: &active, loaded: &wrenches.bodies };
-        let mut inputs = vec![q.input(), v.input(), Input::each(&given, nv)];
-        inputs.extend(wrenches.arguments.iter().map(Argument::input));
-        let out = batch.run(py, &kernel, &inputs, nv);
-        let out = out.map_err(|e| compiled.failure(py, &batch, e, Names::Columns("result")))?;
+        let out = if compiled.has_loops() {
+            let given = (&active[..], &given[..]);
+            Model::closed_hybrid_dynamics(py, &compiled, &batch, [&q, &v], given, &wrenches)?
+        } else {
+            let kernel = kernels::HybridDynamics { layout, active: &active, loaded: &wrenches.bodies };
+            let mut inputs = vec![q.input(), v.input(), Input::each(&given, nv)];
+            inputs.extend(wrenches.arguments.iter().map(Argument::input));
+            let out = batch.run(py, &kernel, &inputs, nv);
+            out.map_err(|e| compiled.failure(py, &batch, e, Names::Columns("result")))?
+        };
         let part = |places: &[usize]| {
             let states = out.chunks_exact(nv.max(1));
             batch.array(py, states.flat_map(|x| places.iter().map(|&i| x[i])).collect(), &[places.len()])

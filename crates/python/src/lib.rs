@@ -4,8 +4,9 @@
 //! |---|---|
 //! | `batch` | array-likes as states, broadcasting, the loop over states |
 //! | `model`, `dynamics`, `derivatives`, `hybrid`, `freeflight`, `kinematics`, `jacobians`, `velocities` | methods of the class `Model` |
-//! | `operators` | `phipsi.operators`: the classes `Operators` and `Operator` |
-//! | `closure` | methods of the class `Model` about loops |
+//! | `operators`, `estimation` | `phipsi.operators`: the classes `Operators` and `Operator` |
+//! | `flexible` | the class `FlexibleBody`, and methods of the class `Model` about modes |
+//! | `closure`, `closure_projection` | methods of the class `Model` about loops; the class `ClosureProjection` |
 //! | `molecule`, `source` | the class `System`: energies and forces of molecules |
 //! | `torsion_model`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
 //! | `engine` | the forces of a torsion model: its System's, or a function in Python |
@@ -14,11 +15,14 @@
 
 mod batch;
 mod closure;
+mod closure_projection;
 mod clustering;
 mod derivatives;
 mod dynamics;
 mod engine;
 mod errors;
+mod estimation;
+mod flexible;
 mod freeflight;
 mod hybrid;
 mod jacobians;
@@ -48,6 +52,10 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<operators::Operators>()?;
     m.add_class::<operators::Operator>()?;
     m.add_function(wrap_pyfunction!(operators::operators, m)?)?;
+    m.add_class::<estimation::Filtered>()?;
+    m.add_class::<estimation::Smoothed>()?;
+    m.add_class::<estimation::FieldSamples>()?;
+    m.add_class::<flexible::FlexibleBody>()?;
     m.add_class::<molecule::System>()?;
     m.add_class::<torsion_model::TorsionModel>()?;
     m.add_class::<torsion_model::Minimum>()?;
@@ -60,6 +68,8 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<jacobians::OperationalSpaceInfo>()?;
     m.add_class::<jacobians::InverseKinematicsInfo>()?;
     m.add_class::<closure::AssemblyInfo>()?;
+    m.add_class::<closure_projection::VelocityProjectionInfo>()?;
+    m.add_class::<closure_projection::ClosureProjection>()?;
     m.add_class::<trajectory::Trajectory>()?;
     m.add_class::<trajectory::RunError>()?;
     m.add_class::<simulator::Simulator>()?;

@@ -170,7 +170,7 @@ impl Model {
     }
     /// What the reader used, approximated and ignored: a Report.
     #[getter]
-    fn report(&self, py: Python<'_>) -> Py<Report> {
+    pub fn report(&self, py: Python<'_>) -> Py<Report> {
         self.report.clone_ref(py)
     }
     /// The model's name.
@@ -497,11 +497,17 @@ impl Compiled {
     }
     /// "joint `elbow`, component 0".
     pub fn place_of_velocity(&self, i: usize) -> String {
+        if let Some(mode) = i.checked_sub(self.model.joint_nv()) {
+            return format!("mode `{}`", self.model.mode_names().nth(mode).unwrap_or_default());
+        }
         let (joint, component) = self.model.joint_of_velocity(i);
         format!("joint `{}`, component {component}", self.model.joints()[joint].name)
     }
     fn place_of_position(&self, i: usize) -> String {
         let model = &self.model;
+        if let Some(mode) = i.checked_sub(model.joint_nq()) {
+            return format!("mode `{}`", model.mode_names().nth(mode).unwrap_or_default());
+        }
         let joint = model.moving_joints().find(|&k| model.q_range(k).contains(&i));
         joint.map_or(String::new(), |k| {
             format!("joint `{}`, component {}", model.joints()[k].name, i - model.q_offset(k))

@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 type Expression = phipsi::topology::Operator<f64>;
 
 /// An operator's error as a Python exception.
-fn operator_error(py: Python<'_>, error: &OperatorError) -> PyErr {
+pub fn operator_error(py: Python<'_>, error: &OperatorError) -> PyErr {
     match error {
         OperatorError::Singular { pivot, .. } => {
             let fields = vec![
@@ -32,7 +32,8 @@ fn operator_error(py: Python<'_>, error: &OperatorError) -> PyErr {
 /// (…, columns) numbers, in O(n) for every operator of ``phipsi.operators``. No matrix is formed but by ``A.dense()``.
 #[pyclass(frozen, module = "phipsi")]
 pub struct Operator {
-    expression: Expression,
+    /// What it stands for.
+    pub expression: Expression,
 }
 
 impl Operator {
@@ -168,7 +169,8 @@ impl Operator {
 /// ``phi_tilde`` = φ − I, ``psi_tilde`` = ψ − I; ``I`` on spatial and ``I_joint`` on joint vectors.
 #[pyclass(frozen, module = "phipsi")]
 pub struct Operators {
-    ops: phipsi::recursion::Operators<f64>,
+    /// The operators.
+    pub ops: phipsi::recursion::Operators<f64>,
     model: Py<Model>,
     bodies: Vec<String>,
 }

@@ -1,4 +1,4 @@
-//! Methods of `Model` about the mass matrix as a metric: its determinant, and velocities of equipartition.
+//! Methods of `Model` about the mass matrix as a metric: its determinant, velocities of equipartition, and diagonal velocities.
 
 use crate::batch::Batch;
 use crate::errors::{Field, argument_error};
@@ -6,7 +6,8 @@ use crate::model::{Model, Names};
 use phipsi::molecule::{Deviates, sample_velocities};
 use phipsi::recursion::articulated_sweep::SolveWorkspace;
 use phipsi::recursion::batch::kernels;
-use phipsi::recursion::{ArticulatedSweep, DynamicsError, Layout};
+use phipsi::recursion::flexible;
+use phipsi::recursion::{ArticulatedSweep, DiagonalDynamics, DiagonalVelocity, DynamicsError, Layout};
 use pyo3::prelude::*;
 
 /// The factors of M at a configuration, in the workspace of the first.
@@ -47,7 +48,10 @@ impl Model {
             1,
             || None,
             |factors, i, out| {
-                out[0] = factored(factors, layout, q.at(i))?.log_determinant();
+                out[0] = match layout.is_flexible() {
+                    true => flexible::log_determinant(layout, q.at(i))?,
+                    false => factored(factors, layout, q.at(i))?.log_determinant(),
+                };
                 Ok(())
             },
         );
@@ -76,7 +80,18 @@ impl Model {
         let compiled = self.compiled();
         let (layout, mut q) = (&compiled.layout, compiled.q(q, "q")?);
         let (nv, batch) = (layout.nv(), Batch::of(py, [&mut q])?);
-        let out = batch.run(py, &kernels::LogDeterminantGradient { layout }, &[q.input()], nv);
+        let out = match layout.is_flexible() {
+            true => batch.each(
+                py,
+                nv,
+                || (),
+                |(), i, out| {
+                    out.copy_from_slice(&flexible::log_determinant_gradient(layout, q.at(i))?);
+                    Ok(())
+                },
+            ),
+            false => batch.run(py, &kernels::LogDeterminantGradient { layout }, &[q.input()], nv),
+        };
         compiled.result(py, &batch, out, Names::Velocity("derivative of ln det M"), &[nv])
     }
     /// Velocities of thermal equilibrium: normal, with covariance kT M(q)⁻¹.
@@ -131,6 +146,165 @@ impl Model {
                 sample_velocities(layout, factors, kT, &mut deviates, workspace, out);
                 Ok(())
             },
+        );
+        compiled.result(py, &batch, out, Names::Velocity("velocity"), &[nv])
+    }
+    /// Velocities in which the mass matrix is diagonal: η = (I + HφK)* v, or ν = D^½ η with the kinetic energy ½ ν·ν; paper 2 (4.16).
+    ///
+    /// ``q``: (…, nq). ``v``: (…, nv). ``normalized``: ν, else η. Cost O(n) a state.
+    ///
+    /// Returns (…, nv).
+    ///
+    /// Raises ArgumentError; NumericalError at a joint without articulated inertia; ModelError if the model has closures.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> q, v = m.random_state(1)
+    /// >>> nu = m.diagonal_velocity(q, v)
+    /// >>> bool(np.isclose(nu @ nu / 2, m.kinetic_energy(q, v)))
+    /// True
+    /// >>> bool(np.allclose(m.joint_velocity(q, nu), v))
+    /// True
+    #[pyo3(signature = (q, v, normalized = true))]
+    fn diagonal_velocity<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        v: &Bound<'py, PyAny>,
+        normalized: bool,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        self.diagonal(py, (q, "q"), (v, "v"), |work, layout, q, v, out| {
+            work.diagonal(layout, q, v, kind(normalized), out)
+        })
+    }
+    /// Joint velocities of diagonal ones: the inverse of ``diagonal_velocity``.
+    ///
+    /// ``q``: (…, nq). ``nu``: (…, nv), η if not ``normalized``. Returns (…, nv). Raises as ``diagonal_velocity``.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> m.joint_velocity([0.3, 0.4], [0.0, 0.0])
+    /// array([0., 0.])
+    #[pyo3(signature = (q, nu, normalized = true))]
+    fn joint_velocity<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        nu: &Bound<'py, PyAny>,
+        normalized: bool,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        self.diagonal(py, (q, "q"), (nu, "nu"), |work, layout, q, nu, out| {
+            work.joint_velocity(layout, q, nu, kind(normalized), out)
+        })
+    }
+    /// The Coriolis term of the diagonal equations of motion, of velocities alone; paper 2 (4.17). It does no work: ν·C = 0.
+    ///
+    /// ``q``: (…, nq). ``nu``: (…, nv), η if not ``normalized``. Returns (…, nv). Raises as ``diagonal_velocity``.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> q, nu = m.random_state(1)
+    /// >>> bool(abs(nu @ m.diagonal_coriolis(q, nu)) < 1e-14)
+    /// True
+    #[pyo3(signature = (q, nu, normalized = true))]
+    fn diagonal_coriolis<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        nu: &Bound<'py, PyAny>,
+        normalized: bool,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        self.diagonal(py, (q, "q"), (nu, "nu"), |work, layout, q, nu, out| {
+            work.coriolis(layout, q, nu, kind(normalized), out)
+        })
+    }
+    /// Equations of motion in diagonal velocities: ν̇ = ε_T − C, weight included; paper 2 (4.17).
+    ///
+    /// Parameters
+    /// ----------
+    /// q : (…, nq). nu : (…, nv), η if not ``normalized``. tau : (…, nv), generalized forces.
+    ///
+    /// Returns
+    /// -------
+    /// v, rate : (…, nv) each: the joint velocities, and the time derivative of ν or of η.
+    ///
+    /// Raises
+    /// ------
+    /// As ``diagonal_velocity``.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> q, v = m.random_state(1)
+    /// >>> nu, h = m.diagonal_velocity(q, v), 1e-6
+    /// >>> same, rate = m.diagonal_dynamics(q, nu, [0.3, -0.2])
+    /// >>> a = m.forward_dynamics(q, v, [0.3, -0.2])
+    /// >>> later, sooner = (m.diagonal_velocity(m.integrate(q, s * v), v + s * a) for s in (h, -h))
+    /// >>> bool(np.allclose(same, v) and np.allclose((later - sooner) / (2 * h), rate))
+    /// True
+    #[pyo3(signature = (q, nu, tau, normalized = true))]
+    fn diagonal_dynamics<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        nu: &Bound<'py, PyAny>,
+        tau: &Bound<'py, PyAny>,
+        normalized: bool,
+    ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        let compiled = self.compiled();
+        let layout = &compiled.layout;
+        let (mut q, mut nu, mut tau) = (compiled.q(q, "q")?, compiled.v(nu, "nu")?, compiled.v(tau, "tau")?);
+        let (nv, batch) = (layout.nv(), Batch::of(py, [&mut q, &mut nu, &mut tau])?);
+        let out = batch.each(
+            py,
+            2 * nv,
+            || DiagonalDynamics::<f64>::new(layout),
+            |work, i, out| {
+                let (v, rate) = out.split_at_mut(nv);
+                work.run(layout, q.at(i), nu.at(i), tau.at(i), None, kind(normalized), v, rate)?;
+                Ok(())
+            },
+        );
+        let names = Names::Other("diagonal dynamics");
+        let out = out.map_err(|e| compiled.failure(py, &batch, e, names))?;
+        let half =
+            |first: usize| out.chunks_exact(2 * nv.max(1)).flat_map(move |x| x[first..first + nv].to_vec());
+        Ok((batch.array(py, half(0).collect(), &[nv])?, batch.array(py, half(nv).collect(), &[nv])?))
+    }
+}
+
+fn kind(normalized: bool) -> DiagonalVelocity {
+    if normalized { DiagonalVelocity::Normalized } else { DiagonalVelocity::Plain }
+}
+
+impl Model {
+    /// One vector of nv numbers from q and another of nv, for every state.
+    fn diagonal<'py>(
+        &self,
+        py: Python<'py>,
+        q: (&Bound<'py, PyAny>, &'static str),
+        v: (&Bound<'py, PyAny>, &'static str),
+        run: impl Fn(
+            &mut DiagonalDynamics<f64>,
+            &Layout<f64>,
+            &[f64],
+            &[f64],
+            &mut [f64],
+        ) -> Result<(), DynamicsError>
+        + Sync
+        + Send,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let compiled = self.compiled();
+        let (layout, mut q, mut v) = (&compiled.layout, compiled.q(q.0, q.1)?, compiled.v(v.0, v.1)?);
+        let (nv, batch) = (layout.nv(), Batch::of(py, [&mut q, &mut v])?);
+        let out = batch.each(
+            py,
+            nv,
+            || DiagonalDynamics::<f64>::new(layout),
+            |work, i, out| Ok(run(work, layout, q.at(i), v.at(i), out)?),
         );
         compiled.result(py, &batch, out, Names::Velocity("velocity"), &[nv])
     }

@@ -161,6 +161,16 @@ pub struct ClosedSolution<T> {
     pub pivots: [f64; 2],
 }
 
+/// The equations of motion of an open tree at a state.
+pub struct OpenTree<'a, T> {
+    /// M.
+    pub matrix: DMatrix<T>,
+    /// Degrees of freedom in the order in which they are eliminated.
+    pub order: Vec<usize>,
+    /// Generalised forces at accelerations, with the velocities and wrenches of the state.
+    pub inverse: &'a dyn Fn(&[T]) -> Vec<T>,
+}
+
 /// Accelerations of a mechanism with loops, of any rank, with any degrees of freedom prescribed.
 ///
 /// # Errors
@@ -172,17 +182,31 @@ pub fn closed_dynamics<T: Real>(
     tau: &[T],
     given: &Given<'_, T>,
 ) -> Result<ClosedSolution<T>, NotPositive> {
+    let inverse = |a: &[T]| inverse_dynamics(model, q, v, a, given.wrenches);
+    let open = OpenTree { matrix: mass_matrix(model, q), order: tips_first(model), inverse: &inverse };
+    closed_tree(model, open, (q, v, tau), given)
+}
+
+/// The same for any tree whose equations are given.
+///
+/// # Errors
+/// As [`closed_dynamics`].
+pub fn closed_tree<T: Real>(
+    model: &Model,
+    open: OpenTree<'_, T>,
+    (q, v, tau): (&[T], &[T], &[T]),
+    given: &Given<'_, T>,
+) -> Result<ClosedSolution<T>, NotPositive> {
+    let OpenTree { matrix, order, inverse } = open;
     let n = model.nv();
     let o = T::zero();
     let known: Vec<T> = (0..n).map(|i| if given.active[i] { given.acceleration[i] } else { o }).collect();
-    let bias = inverse_dynamics(model, q, v, &known, given.wrenches);
+    let bias = inverse(&known);
     let rates = closure_rates(model, q, v, &known);
     let weights: Vec<T> =
         angular_rows(model).iter().map(|&a| if a { T::splat(given.length) } else { T::one() }).collect();
     let m = weights.len();
     let jacobian = closure_jacobian(model, q);
-    let order = tips_first(model);
-    let matrix = mass_matrix(model, q);
     let normal = |order: Vec<usize>| -> Result<(Factors<T>, Vec<T>), NotPositive> {
         let factors = Factors::new(&matrix, order, 0.0)?;
         let roots = factors.pivots().into_iter().map(|d| if d == o { o } else { d.sqrt().recip() }).collect();
@@ -284,7 +308,7 @@ pub fn closed_dynamics<T: Real>(
     for i in (0..n).filter(|&i| given.active[i]) {
         acceleration[i] = known[i];
     }
-    let mut needed = inverse_dynamics(model, q, v, &acceleration, given.wrenches);
+    let mut needed = inverse(&acceleration);
     for i in 0..n {
         needed[i] = if given.active[i] { needed[i] - force[i] } else { tau[i] };
     }

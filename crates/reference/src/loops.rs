@@ -4,7 +4,7 @@ use crate::closed_dynamics::{ClosedSolution, Given, angular_rows, closed_dynamic
 use crate::generate::{Case, Limits, case_within};
 use crate::kinematics::kinematics;
 use crate::sensitivity::widened;
-use phipsi_model::{Closure, ClosureKind, Coupling, Model, ModelBuilder, Placement, Random};
+use phipsi_model::{Closure, ClosureKind, Coupling, JointKind, Model, ModelBuilder, Placement, Random};
 use phipsi_spatial::quaternion::pose;
 use phipsi_spatial::{Dd, Quaternion, Real, Transform, Vec3, Wrench};
 
@@ -56,6 +56,59 @@ pub fn closed_case(seed: u64) -> ClosedCase {
     let tree = case_within(seed, limits);
     let drafts = drafts(&mut random, &tree);
     closed(&tree, drafts)
+}
+
+/// Which degrees of freedom are prescribed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Active {
+    /// None of them.
+    None,
+    /// At least one, and not all.
+    Some,
+    /// All.
+    All,
+}
+
+/// What a mechanism is to be.
+#[derive(Clone, Copy, Debug)]
+pub struct Combination {
+    /// On a free joint, or not.
+    pub free: bool,
+    /// With closures or couplings, or without.
+    pub loops: bool,
+    /// What is prescribed.
+    pub active: Active,
+}
+
+/// A case of up to eight bodies of that combination.
+pub fn closed_case_of(seed: u64, wanted: Combination) -> ClosedCase {
+    let mut random = Random::new(seed ^ 0x6772_6170_6873);
+    loop {
+        let limits = Limits { degrees_of_freedom: 8 + random.below(4), decades: 0.5 };
+        let tree = case_within(random.below(1 << 30) as u64, limits);
+        let bases =
+            tree.model.joints().iter().enumerate().filter(|(k, _)| tree.model.tree().parent(*k).is_none());
+        let floating: Vec<bool> = bases.map(|(_, joint)| joint.kind == JointKind::Free).collect();
+        if tree.model.len() > 8 || floating != [wanted.free] || tree.model.nv() < 2 {
+            continue;
+        }
+        let mut drafts = drafts(&mut random, &tree);
+        if !wanted.loops {
+            (drafts.closures, drafts.couplings) = (Vec::new(), Vec::new());
+        } else if drafts.closures.is_empty() {
+            continue;
+        }
+        let nv = tree.model.nv();
+        drafts.active = match wanted.active {
+            Active::None => vec![false; nv],
+            Active::All => vec![true; nv],
+            Active::Some => (0..nv).map(|_| random.below(2) == 0).collect(),
+        };
+        if wanted.active == Active::Some && drafts.active.iter().all(|a| *a == drafts.active[0]) {
+            continue;
+        }
+        return closed(&tree, drafts);
+    }
 }
 
 fn drafts(random: &mut Random, tree: &Case) -> Drafts {

@@ -7,10 +7,10 @@
 //! |---|---|
 //! | `[model]` | `urdf` (relative to the scene), `base` = "fixed" or "free", `gravity`, `mimic` = "closure" or "free", `friction_speed` |
 //! | `[molecule]` | instead of a model: `pdb`, `system` (OpenMM's XML), `rigid` = kinds of bonds, `hinges`, `groups`, `temperature_K`, `seed`, `fixman`, `minimize`, `ignore`; times in ps, `step_fs`; in `[integrator]` `ensemble` with `friction_per_ps`, `relaxation_ps` or `trajectory_steps` |
-//! | `[[body]]` | `name`, `inertial` = { `origin`, `mass`, `inertia` = { `ixx` … } }: the URDF's words; or `flexible` = a beam, see below |
+//! | `[[body]]` | `name`, `inertial` = { `origin`, `mass`, `inertia` = { `ixx` … } }: the URDF's words; or `flexible`, see below |
 //! | `[[joint]]` | `name`, `type`, `parent`, `child`, `origin` = { `xyz`, `rpy` }, `axis`, `axis2`, `pitch`, `limit`, `dynamics`, `mimic`, `node` of a flexible parent |
 //! | `[[closure]]` | `name`, `kind`, `body_a`, `pose_a` = { `xyz`, `rpy` }, `body_b`, `pose_b`, `length` of a distance, `motion` = { `x`, … `rz`, `distance` }: functions of time |
-//! | `[initial]` | `q.JOINT`, `v.JOINT`: a number, or a list for joints with several coordinates; others are neutral; `assemble` = true closes the loops |
+//! | `[initial]` | `q.JOINT`, `v.JOINT`: a number, or a list for joints with several coordinates; `q.BODY.mode1` for modes; others are neutral; `assemble` = true closes the loops |
 //! | `[[motion]]` | `joint`, `component`, and one of `position`, `velocity`, `acceleration`: a function of time that the joint follows |
 //! | `[[force]]` | `kind` with its parameters, see below; `name` |
 //! | `[joint_stops]` | `restitution`: a number, or { JOINT = number }: limits act as stops |
@@ -32,7 +32,16 @@
 //! `axial_stiffness`, `bending` = [modes along y, along z], `torsion`, `axial`, `modes` = "interface", "clamped_free" or "pinned",
 //! `stiffened`, `damping` (C = damping K, s), `nodes` = [{ `name`, `x` }] besides `tip`, `held_at`.
 //!
-//! Outputs: `joint` (with `component`, `of` = "q" or "v"), `joints` (a sum, with `factors`), `body` with `point`, `axis` and
+//! Finite elements: `mass`, `stiffness` (files in Matrix Market's format, free elements), `nodes` (a file: label, x, y, z), `inboard`
+//! = labels that the joint holds, `interface` = labels where others attach, `modes` = how many with clamped interfaces (6) or
+//! `shapes` = a file with a column for every mode; `damping`.
+//!
+//! Shape integrals: `integrals` = { `modes`, `mass`, `first_moment`, `second_moment`, `displacement`, `moment` = [{ `mode`, `matrix` }],
+//! `product` = [{ `modes`, `matrix` }], `rotary`, `rotary_coupling`, `rotary_modal`, `stiffening_displacement` = [{ `modes`, `vector` }],
+//! `stiffening_moment` = [{ `modes`, `matrix` }] }, `modal_stiffness`, `modal_damping`, `nodes` = [{ `name`, `position`, `displacement`,
+//! `rotation`, `quadratic` = [{ `modes`, `vector` }] }], `held_at`.
+//!
+//! Outputs: `joint` (with `component`, `of` = "q" or "v"), `body` with `mode` and `of`, `joints` (a sum, with `factors`), `body` with `point`, `axis` and
 //! `of` = "position" or "velocity", `body_a` … `point_b` (a distance), `energy` = "kinetic", "potential" or "total".
 
 mod behavior;
@@ -231,7 +240,7 @@ fn read(
                     "correct the joint, or name those with stops in [joint_stops]",
                 ),
                 _ => (
-                    "closures of rigid bodies and couplings of joints with one axis",
+                    "closures, and couplings of joints with one axis",
                     "remove the closure, or set mimic = \"free\" in [model]",
                 ),
             };

@@ -147,7 +147,7 @@ impl Simulation {
     /// From a model at its neutral state under `forces`, its joints' damping and friction included. Loops are followed.
     ///
     /// # Errors
-    /// [`MotionError`]: a coupling that cannot be, loops of flexible bodies.
+    /// [`MotionError`]: a coupling that cannot be.
     pub fn new(model: &Model, forces: Vec<Box<dyn Force>>, t_end: f64) -> Result<Self, MotionError> {
         Self::prescribed(model, forces, &Prescription::default(), t_end, JointBehavior::default())
     }

@@ -1,6 +1,7 @@
 //! Scenes, runs, reports.
 
 mod benchmarks;
+mod elements;
 mod events;
 mod loops;
 mod molecule;
@@ -8,5 +9,6 @@ mod mutation;
 mod report;
 mod satellite;
 mod scenes;
+mod slider_crank;
 mod stress;
 mod two_bodies;

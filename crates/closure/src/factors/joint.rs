@@ -7,56 +7,67 @@
 //! | w | D^−½(HC* + E), row of the loops on the residual | m |
 
 use super::{Done, Factors};
-use crate::frames::weight;
+use crate::frames::{Frames, weight};
 use crate::number::Arithmetic;
-use crate::structure::Structure;
+use crate::structure::{Operation, Structure};
+use crate::tree::{Joint, Tree};
 use phipsi_recursion::hinge::Hinge;
 use phipsi_recursion::{DynamicsError, Layout};
 use phipsi_spatial::{ArticulatedInertia, Real, Scalar, Wrench};
 
 impl<T: Real> Factors<T> {
-    /// Eliminates the joint of a body; returns what it lets through.
+    /// Eliminates the joint of a body, or modes; returns what it lets through.
     #[inline(always)]
     pub(super) fn join(
         &mut self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
+        (layout, tree): (&Layout<T>, &Tree<T>),
+        frames: &Frames<T>,
         k: usize,
     ) -> Result<ArticulatedInertia<Arithmetic<T>>, DynamicsError> {
-        let (body, station) = (&layout.bodies()[k], &structure.stations[k]);
-        for passing in &station.passes {
-            let strand = structure.strands[passing.strand];
-            let m = structure.loops[passing.of].rows.len();
-            let rigid = &self.rigid[strand.first..strand.first + m];
-            self.kept[passing.kept..passing.kept + m].copy_from_slice(rigid);
-        }
-        let mut rows = match station.join {
-            Some(index) => self.stack(structure, &structure.operations[index], Arithmetic::<T>::splat(1.0)),
+        let (body, station) = (&tree.bodies[k], &structure.stations[k]);
+        let joined = station.join.map(|index| &structure.operations[index]);
+        let mut rows = match joined {
+            Some(operation) if operation.in_place => {
+                operation.inputs.first().map_or(0, |(b, _)| self.block_rows[*b])
+            }
+            Some(operation) => self.stack(structure, operation, Arithmetic::<T>::splat(1.0)),
             None => 0,
         };
         let mut P = self.inertia[k];
         let mut passed = 0;
-        for i in 0..body.hinge.nv() {
-            if !self.passive[body.v + i] {
-                (self.xi[body.v + i], self.roots[body.v + i]) = (Wrench::zero(), Arithmetic::<T>::splat(0.0));
-                continue;
+        match &body.joint {
+            Joint::Fixed => {}
+            Joint::Modes(i) => {
+                let singular = self.eliminate_modes(structure, frames, k, (*i, body.v), &mut P, rows);
+                singular.map_err(|(l, D)| singular_at(layout, body.v + l, D))?;
+                rows += body.nv;
             }
-            passed += 1;
-            let column = joint_column(&P, &body.hinge, i);
-            let D = body.hinge.project(i, &column);
-            if !D.is_positive() {
-                let (joint, component) = layout.joint_of_velocity(body.v + i);
-                let (joint, inertia) = (joint.to_string(), D.min_lane());
-                return Err(DynamicsError::SingularHinge { joint, component, inertia });
-            }
-            let root = D.sqrt();
-            let inverse = root.recip();
-            let xi = column.scale(inverse);
-            P.subtract_outer(xi, xi);
-            (self.xi[body.v + i], self.roots[body.v + i]) = (xi, root);
-            if let Some(index) = station.join {
-                self.append(structure, index, k, i, &body.hinge, xi, inverse, rows);
-                rows += 1;
+            Joint::Hinge(hinge) => {
+                for i in 0..body.nv {
+                    let at = body.v + i;
+                    if !self.passive[at] {
+                        self.xi[at] = Wrench::zero();
+                        self.roots[at] = Arithmetic::<T>::splat(0.0);
+                        self.inverses[at] = Arithmetic::<T>::splat(0.0);
+                        continue;
+                    }
+                    passed += 1;
+                    let column = joint_column(&P, hinge, i);
+                    let D = hinge.project(i, &column);
+                    if !D.is_positive() {
+                        return Err(singular_at(layout, at, D.min_lane()));
+                    }
+                    let root = D.sqrt();
+                    let inverse = root.recip();
+                    let xi = column.scale(inverse);
+                    P.subtract_outer(xi, xi);
+                    (self.xi[at], self.roots[at], self.inverses[at]) = (xi, root, inverse);
+                    if let Some(operation) = joined {
+                        self.append(structure, operation, k, i, hinge, xi, inverse, rows);
+                        rows += 1;
+                    }
+                }
             }
         }
         let free = passed == 6;
@@ -73,6 +84,13 @@ impl<T: Real> Factors<T> {
                 }
             }
             let operation = &structure.operations[index];
+            if operation.in_place {
+                operation.output.into_iter().for_each(|b| self.block_rows[b] = rows);
+                let scale = Arithmetic::<T>::splat(1.0);
+                self.done[index] = Done { rows, rank: 0, steps: 0, left: rows, scale };
+                self.sharp[index] = self.sharpness(operation);
+                return Ok(P);
+            }
             let width = operation.others;
             let (steps, left) = if rows > 2 * width {
                 let mut panel = self.panel(operation, rows);
@@ -95,7 +113,7 @@ impl<T: Real> Factors<T> {
     fn append(
         &mut self,
         structure: &Structure<T>,
-        index: usize,
+        operation: &Operation,
         k: usize,
         i: usize,
         hinge: &Hinge<T>,
@@ -103,9 +121,12 @@ impl<T: Real> Factors<T> {
         inverse: Arithmetic<T>,
         row: usize,
     ) {
-        let operation = &structure.operations[index];
-        let lead = operation.most;
         let station = &structure.stations[k];
+        let block = operation.output.map(|b| &structure.blocks[b]);
+        if !operation.in_place {
+            let first = operation.others;
+            self.empty_row(operation, row)[first..first + 6].copy_from_slice(&xi.to_array());
+        }
         for passing in &station.passes {
             let (strand, l) = (structure.strands[passing.strand], &structure.loops[passing.of]);
             for j in 0..l.rows.len() {
@@ -123,13 +144,21 @@ impl<T: Real> Factors<T> {
                 let w = along * inverse;
                 *c -= xi.scale(w);
                 self.squares[l.rows.start + j] += reach * (inverse * inverse);
-                self.matrix[operation.number + (passing.column + j) * lead + row] = w;
+                match block {
+                    Some(block) if operation.in_place => {
+                        self.block_w[block.number + row * block.width + passing.column + j] = w;
+                    }
+                    _ => self.matrix[operation.number + row * operation.width + passing.column + j] = w,
+                }
             }
         }
-        for (j, x) in xi.to_array().into_iter().enumerate() {
-            self.matrix[operation.number + (operation.others + j) * lead + row] = x;
-        }
     }
+}
+
+/// The error of a degree of freedom whose pivot failed.
+fn singular_at<T: Real>(layout: &Layout<T>, i: usize, inertia: f64) -> DynamicsError {
+    let (joint, component) = layout.joint_of_velocity(i);
+    DynamicsError::SingularHinge { joint: joint.to_string(), component, inertia }
 }
 
 /// P H*: a column of P, but for helical joints.

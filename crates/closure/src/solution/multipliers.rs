@@ -10,10 +10,10 @@
 
 use super::Solution;
 use crate::factors::Factors;
-use crate::frames::weight;
-use crate::number::Arithmetic;
+use crate::frames::{Frames, weight};
+use crate::number::{Arithmetic, motion, transform, wrench};
 use crate::structure::{LoopKind, Structure};
-use phipsi_recursion::Layout;
+use crate::tree::{Joint, Tree};
 use phipsi_spatial::{Kernel, Real, Scalar, Wrench};
 
 impl<T: Real> Solution<T> {
@@ -29,8 +29,7 @@ impl<T: Real> Solution<T> {
     ) {
         let (operation, done) = (&structure.operations[index], &factors.done[index]);
         let start = operation.closes.map_or(0, |of| structure.loops[of].rows.start);
-        let lead = operation.most;
-        let R = |t: usize, c: usize| factors.matrix[operation.number + c * lead + t];
+        let R = |t: usize, c: usize| factors.matrix[operation.number + t * operation.width + c];
         let pivots = &factors.pivots[operation.step..][..done.rank];
         if driven {
             for c in (0..operation.closing).filter(|c| !pivots.contains(c)) {
@@ -116,8 +115,7 @@ impl<T: Real> Solution<T> {
         for &index in &structure.closings {
             let (operation, done) = (&structure.operations[index], &factors.done[index]);
             let start = operation.closes.map_or(0, |of| structure.loops[of].rows.start);
-            let lead = operation.most;
-            let R = |t: usize, c: usize| factors.matrix[operation.number + c * lead + t];
+            let R = |t: usize, c: usize| factors.matrix[operation.number + t * operation.width + c];
             let pivots = &factors.pivots[operation.step..][..done.rank];
             // R^−* of the kept rows, on the stack.
             for t in 0..done.rank {
@@ -154,37 +152,62 @@ impl<T: Real> Solution<T> {
     pub(crate) fn constraint_force(
         &self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
-        factors: &Factors<T>,
+        tree: &Tree<T>,
+        frames: &Frames<T>,
         out: &mut [T],
     ) {
         let out = T::arithmetic_mut(out);
-        Arithmetic::<T>::dispatch(ConstraintForce { solution: self, structure, layout, factors, out });
+        Arithmetic::<T>::dispatch(ConstraintForce { solution: self, structure, tree, frames, out });
     }
     #[inline(always)]
     fn gather_force(
         &self,
         structure: &Structure<T>,
-        layout: &Layout<T>,
-        factors: &Factors<T>,
+        tree: &Tree<T>,
+        frames: &Frames<T>,
         out: &mut [Arithmetic<T>],
     ) {
-        for (k, body) in layout.bodies().iter().enumerate() {
-            let station = &structure.stations[k];
-            let mut f = Wrench::zero();
-            for passing in &station.passes {
-                for (i, row) in structure.loops[passing.of].rows.clone().enumerate() {
-                    f = factors.kept[passing.kept + i].scale_add(self.lambda[row], f);
+        out.fill(Arithmetic::<T>::splat(0.0));
+        for (of, l) in structure.loops.iter().enumerate() {
+            if matches!(l.kind, LoopKind::Gear { .. }) {
+                continue;
+            }
+            for (side, strand) in l.strands.iter().enumerate() {
+                let Some(strand) = strand.map(|s| &structure.strands[s]) else { continue };
+                // The force on the end, moved inward body by body.
+                let mut f = Wrench::zero();
+                for (i, row) in l.rows.clone().enumerate() {
+                    let c = wrench(frames.strand_row(structure, of, side, i));
+                    f = c.scale_add(self.lambda[row], f);
+                }
+                let mut attached = l.attached[side];
+                for &k in &structure.paths[strand.path..strand.path + strand.bodies] {
+                    let body = &tree.bodies[k];
+                    let out = &mut out[body.v..body.v + body.nv];
+                    match &body.joint {
+                        Joint::Fixed => {}
+                        Joint::Hinge(hinge) => {
+                            for (i, out) in out.iter_mut().enumerate() {
+                                *out += hinge.project(i, &f);
+                            }
+                        }
+                        Joint::Modes(_) => {
+                            let screws = attached.map_or(&[][..], |first| &frames.screws[first..]);
+                            for (out, Pi) in out.iter_mut().zip(screws) {
+                                *out += motion(*Pi).dot(f);
+                            }
+                        }
+                    }
+                    f = transform(&frames.poses[k]).wrench_to_parent(f);
+                    attached = structure.attached[k];
                 }
             }
-            for i in 0..body.hinge.nv() {
-                let mut force = body.hinge.project(i, &f);
-                for entry in station.entries.iter().filter(|e| e.component == i) {
-                    let l = &structure.loops[entry.of];
-                    let coefficient = (entry.coefficient * weight(structure, l, 0)).to_arithmetic();
-                    force += coefficient * self.lambda[l.rows.start];
-                }
-                out[body.v + i] = force;
+        }
+        for (station, body) in structure.stations.iter().zip(&tree.bodies) {
+            for entry in &station.entries {
+                let l = &structure.loops[entry.of];
+                let coefficient = (entry.coefficient * weight(structure, l, 0)).to_arithmetic();
+                out[body.v + entry.component] += coefficient * self.lambda[l.rows.start];
             }
         }
     }
@@ -220,8 +243,8 @@ impl<T: Real> Kernel for LeastNorm<'_, T> {
 struct ConstraintForce<'a, T: Real> {
     solution: &'a Solution<T>,
     structure: &'a Structure<T>,
-    layout: &'a Layout<T>,
-    factors: &'a Factors<T>,
+    tree: &'a Tree<T>,
+    frames: &'a Frames<T>,
     out: &'a mut [Arithmetic<T>],
 }
 
@@ -229,7 +252,7 @@ impl<T: Real> Kernel for ConstraintForce<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run(self) {
-        self.solution.gather_force(self.structure, self.layout, self.factors, self.out);
+        self.solution.gather_force(self.structure, self.tree, self.frames, self.out);
     }
 }
 

@@ -2,13 +2,18 @@
 
 use super::{End, Loop, LoopKind};
 use crate::error::ClosureError;
+use crate::tree::Tree;
 use phipsi_model::{ClosureKind, Model};
 use phipsi_recursion::Layout;
 use phipsi_recursion::layout::GROUND;
 use phipsi_spatial::{Real, Transform};
 
 /// The loops of a model: closures, then couplings.
-pub(super) fn loops<T: Real>(model: &Model, layout: &Layout<T>) -> Result<Vec<Loop<T>>, ClosureError> {
+pub(super) fn loops<T: Real>(
+    model: &Model,
+    layout: &Layout<T>,
+    tree: &Tree<T>,
+) -> Result<Vec<Loop<T>>, ClosureError> {
     let mut loops = Vec::with_capacity(model.closures().len() + model.couplings().len());
     let mut first = 0;
     let end = |body: &str, pose: &phipsi_model::Placement| {
@@ -17,7 +22,7 @@ pub(super) fn loops<T: Real>(model: &Model, layout: &Layout<T>) -> Result<Vec<Lo
         match model.find_body(body).ok().flatten() {
             Some(k) => {
                 let carrier = &layout.carriers()[k];
-                End { body: carrier.body, pose: carrier.pose.compose(&pose) }
+                End { body: tree.carrier(carrier.body), pose: carrier.pose.compose(&pose) }
             }
             None => End { body: GROUND, pose },
         }
@@ -34,6 +39,7 @@ pub(super) fn loops<T: Real>(model: &Model, layout: &Layout<T>) -> Result<Vec<Lo
             angular: kind.angular_rows(),
             ancestor: GROUND,
             strands: [None; 2],
+            attached: [None; 2],
         });
     }
     for coupling in model.couplings() {
@@ -56,42 +62,53 @@ pub(super) fn loops<T: Real>(model: &Model, layout: &Layout<T>) -> Result<Vec<Lo
         };
         let name = coupling.joint.clone();
         let (rows, angular) = (first..first + 1, usize::from(rotation));
-        loops.push(Loop { name, kind, rows, angular, ancestor: GROUND, strands: [None; 2] });
+        loops.push(Loop {
+            name,
+            kind,
+            rows,
+            angular,
+            ancestor: GROUND,
+            strands: [None; 2],
+            attached: [None; 2],
+        });
         first += 1;
     }
     Ok(loops)
 }
 
-/// The largest length of the model: of placements and of closures' frames; 1 m if all are zero.
-pub(super) fn scene_length<T: Real>(model: &Model, layout: &Layout<T>) -> f64 {
+/// The largest length of the model: of placements, nodes and closures' frames; 1 m if all are zero.
+pub(super) fn scene_length<T: Real>(model: &Model, tree: &Tree<T>) -> f64 {
     let norm = |x: [f64; 3]| x.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let joints = layout.bodies().iter().map(|b| b.placement().translation.norm().to_f64());
+    let joints = tree.bodies.iter().map(|b| b.placement().translation.norm().to_f64());
+    let flexible = model.bodies().iter().filter_map(|b| b.flexible.as_ref());
+    let nodes = flexible.flat_map(|body| &body.nodes).map(|node| norm(node.position));
     let frames = model.closures().iter().flat_map(|c| {
         let rod = if let ClosureKind::Distance { length } = c.kind { length } else { 0.0 };
         [norm(c.pose_a.translation), norm(c.pose_b.translation), rod]
     });
-    let length = joints.chain(frames).fold(0.0f64, f64::max);
+    let length = joints.chain(nodes).chain(frames).fold(0.0f64, f64::max);
     if length > 0.0 { length } else { 1.0 }
 }
 
-pub(super) fn depths<T: Real>(layout: &Layout<T>) -> Vec<usize> {
-    let mut depths: Vec<usize> = Vec::with_capacity(layout.len());
-    for body in layout.bodies() {
+pub(super) fn depths<T: Real>(tree: &Tree<T>) -> Vec<usize> {
+    let mut depths: Vec<usize> = Vec::with_capacity(tree.len());
+    for body in &tree.bodies {
         depths.push(if body.parent == GROUND { 1 } else { depths[body.parent] + 1 });
     }
     depths
 }
 
-/// The body in which the ways of two bodies to the ground meet.
-pub(super) fn common_ancestor<T: Real>(layout: &Layout<T>, depths: &[usize], ends: [usize; 2]) -> usize {
+/// The body in which the ways of two bodies to the ground meet; not modes, but the hinge frame below them: a loop that is closed
+/// over a flexible body strains it.
+pub(super) fn common_ancestor<T: Real>(tree: &Tree<T>, depths: &[usize], ends: [usize; 2]) -> usize {
     let depth = |k: usize| if k == GROUND { 0 } else { depths[k] };
     let [mut a, mut b] = ends;
     while a != b {
         if depth(a) >= depth(b) {
-            a = layout.bodies()[a].parent;
+            a = tree.bodies[a].parent;
         } else {
-            b = layout.bodies()[b].parent;
+            b = tree.bodies[b].parent;
         }
     }
-    a
+    if tree.modes(a).is_some() { tree.bodies[a].parent } else { a }
 }

@@ -3,15 +3,25 @@
 //!
 //! | symbol | meaning |
 //! |---|---|
-//! | i, t | inner degrees of freedom, those of outboard interface nodes; the inboard node is clamped and carries F |
+//! | i, t | inner degrees of freedom, those of outboard interface nodes; inboard nodes are clamped and carry F |
 //! | Φ_i | K_ii Φ_i = M_ii Φ_i ω², the lowest |
 //! | Ψ | [[Φ_i, −K_ii⁻¹ K_it], [0, I]], then turned to M_ee = I, K = diag λ |
 //! | R_t, R_r | displacements of all nodes by a unit translation and rotation of F |
 //! | M_s | the scalar mass matrix, where all directions have the same |
 
-use super::{FlexibleBody, Node, ShapeIntegrals};
+mod integrals;
+
+use super::clamped_modes::{ClampedModes, Factor};
+use super::{FlexibleBody, Node, SymmetricMatrix};
 use crate::violation::{ModelErrors, Subject, Violation};
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use std::fmt;
+
+/// Largest relative force of a rigid motion: above it the elements hang on something else than their interfaces.
+const LARGEST_RIGID_FORCE: f64 = 1e-3;
+
+/// Largest magnitude of a number: products of four are finite.
+const LARGEST: f64 = 1e60;
 
 /// A node of the elements that others attach to.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,32 +32,115 @@ pub struct InterfaceNode {
     pub index: usize,
 }
 
-/// A finite element model, dense, as a program writes it.
+/// Which shapes the inner nodes keep.
+#[derive(Clone, Debug, PartialEq)]
+pub enum KeptModes {
+    /// As many eigenmodes with all interfaces clamped, the lowest, and a static shape for every degree of freedom of an
+    /// outboard interface.
+    Lowest(usize),
+    /// These shapes, one a column, with a row for every degree of freedom: from a program that has reduced the model itself.
+    /// They are zero at the inboard nodes.
+    Given(DMatrix<f64>),
+}
+
+impl KeptModes {
+    /// Given shapes from numbers by rows: a row for every degree of freedom, `columns` modes.
+    pub fn given(columns: usize, by_rows: &[f64]) -> Self {
+        let rows = by_rows.len() / columns.max(1);
+        KeptModes::Given(DMatrix::from_row_slice(rows, columns, &by_rows[..rows * columns]))
+    }
+}
+
+/// A finite element model, as a program writes it.
+///
+/// # Example
+/// ```
+/// use phipsi_model::{CraigBampton, InterfaceNode, KeptModes, SymmetricMatrix};
+/// // Two masses on springs along x, y and z in a row; the first node is held.
+/// let chain = |k: [f64; 3]| (0..3).flat_map(move |a| [(3 + a, 3 + a, k[0]), (6 + a, 6 + a, k[1]), (6 + a, 3 + a, k[2])]);
+/// let held = |k: [f64; 2]| (0..3).flat_map(move |a| [(a, a, k[0]), (3 + a, a, k[1])]);
+/// let elements = CraigBampton {
+///     mass: SymmetricMatrix::from_triangle(9, chain([1.0, 1.0, 0.0]))?,
+///     stiffness: SymmetricMatrix::from_triangle(9, chain([2.0, 1.0, -1.0]).chain(held([1.0, -1.0])))?,
+///     positions: vec![[0.0; 3]; 3],
+///     inboard: vec![0],
+///     outboard: vec![InterfaceNode { name: "tip".into(), index: 2 }],
+///     modes: KeptModes::Lowest(3),
+/// };
+/// let (body, report) = elements.reduce("chain")?;
+/// assert_eq!(body.modes(), 6);
+/// let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
+/// assert!((report.frequencies[0] - golden).abs() < 1e-14);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct CraigBampton {
     /// Mass matrix, node after node, each with x, y, z and, if there are six, rotations about x, y, z. kg, kg·m, kg·m².
-    pub mass: DMatrix<f64>,
-    /// Stiffness matrix, likewise.
-    pub stiffness: DMatrix<f64>,
+    pub mass: SymmetricMatrix,
+    /// Stiffness matrix, likewise, of the free elements: without supports.
+    pub stiffness: SymmetricMatrix,
     /// Where the nodes are, m, in axes along F's.
     pub positions: Vec<[f64; 3]>,
-    /// The node that carries F: the body's joint holds it.
-    pub inboard: usize,
+    /// The nodes that the body's joint holds; the origin of F is at the first. One node of six degrees of freedom, or at least
+    /// three of three that are not on a line.
+    pub inboard: Vec<usize>,
     /// Nodes at which other bodies attach.
     pub outboard: Vec<InterfaceNode>,
-    /// How many modes with clamped interfaces to keep.
-    pub modes: usize,
+    /// Which shapes to keep.
+    pub modes: KeptModes,
 }
 
-/// What an import found.
+/// What an import found and what it left out.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImportReport {
     /// √λ of every mode, rad/s.
     pub frequencies: Vec<f64>,
+    /// Frequencies with all interfaces clamped of the modes that were kept, rad/s; none if shapes were given.
+    pub clamped: Vec<f64>,
+    /// The next of them, which was left out with all above it; `None` if there is none, or shapes were given.
+    pub first_left_out: Option<f64>,
+    /// Degrees of freedom of the elements, and those of inner nodes.
+    pub degrees_of_freedom: [usize; 2],
+    /// Mass, kg.
+    pub mass: f64,
+    /// Largest force that a rigid motion of all nodes makes, relative to its terms: rounding where the elements are free.
+    pub rigid_force: f64,
     /// Largest |Σ_a S_aa − M_ee|: what products of shapes lack if masses are lumped at nodes. Zero for solid elements.
     pub lumping: f64,
     /// True if products of shapes were taken with lumped masses.
     pub lumped: bool,
+}
+
+impl fmt::Display for ImportReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [all, inner] = self.degrees_of_freedom;
+        let modes = self.frequencies.len();
+        write!(f, "{all} degrees of freedom reduced to {modes} modes")?;
+        if let (Some(low), Some(high)) = (self.frequencies.first(), self.frequencies.last()) {
+            write!(f, " of {low:.6e} to {high:.6e} rad/s")?;
+        }
+        write!(f, ", mass {:.9} kg", self.mass)?;
+        if let Some(next) = self.first_left_out {
+            let left = inner - self.clamped.len();
+            write!(f, "; {left} modes with clamped interfaces left out, from {next:.4e} rad/s on")?;
+        }
+        if self.lumped {
+            write!(
+                f,
+                "; products of shapes with lumped masses, which changes M_ee by {:.1e} of 1",
+                self.lumping
+            )?;
+        }
+        write!(f, "; a rigid motion strains the elements by {:.1e}, relative", self.rigid_force)
+    }
+}
+
+/// Shapes of all degrees of freedom, and what is known of the eigenmodes among them.
+struct Shapes {
+    psi: DMatrix<f64>,
+    clamped: Vec<f64>,
+    first_left_out: Option<f64>,
+    inner: usize,
 }
 
 impl CraigBampton {
@@ -59,63 +152,31 @@ impl CraigBampton {
     /// (solid elements), else with masses lumped at the nodes (the rows' sums), which [`ImportReport::lumping`] measures.
     ///
     /// # Cost
-    /// Cubic in the number of degrees of freedom: dense factors.
+    /// One sparse Cholesky factor of K_ii, a solution with it for every static shape, and some twenty for every mode.
+    ///
+    /// # Accuracy
+    /// Modes by subspace iteration until frequencies stand to 1e-12; frequencies of the reduced body are Rayleigh–Ritz values:
+    /// not below those of the elements.
     ///
     /// # Errors
-    /// [`ModelErrors`]: matrices that are not square, finite and of the size of the nodes; nodes that do not exist; a stiffness
-    /// that leaves a motion free with the inboard node clamped; a mode with λ ≤ 0.
+    /// [`ModelErrors`]: matrices that have not the size of the nodes; nodes that do not exist; a stiffness that leaves a motion
+    /// free with the inboard nodes clamped, or that holds a rigid motion; a mode with λ ≤ 0.
     pub fn reduce(&self, name: &str) -> Result<(FlexibleBody, ImportReport), ModelErrors> {
-        let error = |found: String, required: &str, remedy: &str| {
-            ModelErrors(vec![Violation::error(Subject::Body(name.into()), found, required, remedy)])
-        };
         let width = self.check(name)?;
-        let outboard: Vec<usize> = self.outboard.iter().map(|node| node.index).collect();
-        let dofs = |node: usize| node * width..(node + 1) * width;
-        let t: Vec<usize> = outboard.iter().flat_map(|&node| dofs(node)).collect();
-        let is_inner = |node: &usize| *node != self.inboard && !outboard.contains(node);
-        let i: Vec<usize> = (0..self.positions.len()).filter(is_inner).flat_map(dofs).collect();
-        let pick = |m: &DMatrix<f64>, rows: &[usize], columns: &[usize]| {
-            DMatrix::from_fn(rows.len(), columns.len(), |r, c| m[(rows[r], columns[c])])
-        };
-        let stiff = pick(&self.stiffness, &i, &i).cholesky().ok_or_else(|| {
-            error(
-                "the stiffness of the inner nodes is not positive definite".into(),
-                "a body without free motion once its interfaces are clamped",
-                "connect every node with elements",
-            )
-        })?;
-        let kept = self.modes.min(i.len());
-        let inner_mass = pick(&self.mass, &i, &i);
-        let phi = lowest(&stiff, &inner_mass, kept);
-        let constraint = -stiff.solve(&pick(&self.stiffness, &i, &t));
-        let n = kept + t.len();
-        if n == 0 {
-            let remedy = "name an outboard node, or give a rigid body";
-            return Err(error("no modes and no outboard interface".into(), "at least one shape", remedy));
-        }
-        let mut shapes = DMatrix::zeros(self.mass.nrows(), n);
-        for (r, &row) in i.iter().enumerate() {
-            for c in 0..n {
-                shapes[(row, c)] = if c < kept { phi[(r, c)] } else { constraint[(r, c - kept)] };
-            }
-        }
-        for (c, &row) in t.iter().enumerate() {
-            shapes[(row, kept + c)] = 1.0;
-        }
+        let shapes = self.shapes(name, width)?;
+        let n = shapes.psi.ncols();
         // To M_ee = I and K = diag λ.
-        let reduced_mass = shapes.transpose() * &self.mass * &shapes;
-        let reduced_stiffness = shapes.transpose() * &self.stiffness * &shapes;
-        let factor = reduced_mass.cholesky().ok_or_else(|| {
+        let factor = self.reduced(&self.mass, &shapes.psi).cholesky().ok_or_else(|| {
             error(
-                "the reduced mass matrix is not positive definite".into(),
+                name,
+                "the reduced mass matrix is not positive definite",
                 "mass behind every mode",
                 "keep fewer modes, or give the interface nodes mass",
             )
         })?;
         let l = factor.l();
-        let left = solve_lower(&l, &reduced_stiffness);
-        let standard = symmetric(&solve_lower(&l, &left.transpose()));
-        let eigen = SymmetricEigen::new(standard);
+        let left = solve_lower(&l, &self.reduced(&self.stiffness, &shapes.psi));
+        let eigen = SymmetricEigen::new(symmetric(&solve_lower(&l, &left.transpose())));
         let order = sorted(&eigen.eigenvalues);
         let mut turn = DMatrix::zeros(n, n);
         let mut lambda = Vec::with_capacity(n);
@@ -123,21 +184,119 @@ impl CraigBampton {
             lambda.push(eigen.eigenvalues[from]);
             turn.set_column(c, &eigen.eigenvectors.column(from));
         }
-        if let Some(mode) = lambda.iter().position(|x| x.is_nan() || *x <= 0.0) {
-            return Err(error(
-                format!("mode {} has λ = {:e}", mode + 1, lambda[mode]),
-                "λ > 0 for every mode",
-                "the elements leave a free motion, which the body's joint is to have",
-            ));
+        let highest = lambda.last().copied().unwrap_or(0.0);
+        // What is left of a free motion is rounding of the highest.
+        let least = 8.0 * n as f64 * f64::EPSILON * highest;
+        if let Some(mode) = lambda.iter().position(|x| x.is_nan() || *x <= least) {
+            let found = format!("mode {} has λ = {:e}", mode + 1, lambda[mode]);
+            let remedy = "the elements leave a free motion, which the body's joint is to have; hold three nodes where they have \
+                          no rotations";
+            return Err(error(name, found, "λ > 0 for every mode", remedy));
         }
         let back = l.transpose().solve_upper_triangular(&turn).unwrap_or(turn);
-        let shapes = shapes * back;
-        let (integrals, lumping, lumped) = self.integrals(width, &shapes);
+        let psi = shapes.psi * back;
+        let (rigid_force, place) = self.stiffness.relative_product(&self.rigid_motions(width));
+        if rigid_force > LARGEST_RIGID_FORCE {
+            let at = format!("node {}, degree of freedom {}", place / width, place % width);
+            let found = format!("a rigid motion makes a relative force of {rigid_force:.1e} at {at}");
+            let remedy =
+                "write the matrices of the free elements, without supports, in the order of the nodes";
+            return Err(error(name, found, format!("at most {LARGEST_RIGID_FORCE:e}"), remedy));
+        }
+        let (integrals, lumping, lumped) = self.integrals(width, &psi);
+        let mass = integrals.mass;
         let stiffness = DMatrix::from_diagonal(&DVector::from_vec(lambda.clone()));
-        let origin = self.positions[self.inboard];
-        let nodes = self.outboard.iter().map(|node| {
+        let nodes = self.nodes(width, &psi);
+        let body = FlexibleBody::new(integrals, stiffness.as_slice().to_vec(), nodes);
+        let report = ImportReport {
+            frequencies: lambda.iter().map(|x| x.sqrt()).collect(),
+            clamped: shapes.clamped,
+            first_left_out: shapes.first_left_out,
+            degrees_of_freedom: [self.mass.size(), shapes.inner],
+            mass,
+            rigid_force,
+            lumping,
+            lumped,
+        };
+        Ok((body, report))
+    }
+
+    /// Ψ* A Ψ.
+    fn reduced(&self, matrix: &SymmetricMatrix, psi: &DMatrix<f64>) -> DMatrix<f64> {
+        symmetric(&(psi.transpose() * matrix.times(psi)))
+    }
+
+    /// Ψ before it is turned.
+    fn shapes(&self, name: &str, width: usize) -> Result<Shapes, ModelErrors> {
+        let outboard: Vec<usize> = self.outboard.iter().map(|node| node.index).collect();
+        let dofs = |node: usize| node * width..(node + 1) * width;
+        let t: Vec<usize> = outboard.iter().flat_map(|&node| dofs(node)).collect();
+        let is_inner = |node: &usize| !self.inboard.contains(node) && !outboard.contains(node);
+        let i: Vec<usize> = (0..self.positions.len()).filter(is_inner).flat_map(dofs).collect();
+        let count = match &self.modes {
+            KeptModes::Given(psi) => {
+                return Ok(Shapes {
+                    psi: psi.clone(),
+                    clamped: Vec::new(),
+                    first_left_out: None,
+                    inner: i.len(),
+                });
+            }
+            KeptModes::Lowest(count) => (*count).min(i.len()),
+        };
+        let n = count + t.len();
+        if n == 0 {
+            let remedy = "name an outboard node, or give a rigid body";
+            return Err(error(name, "no modes and no outboard interface", "at least one shape", remedy));
+        }
+        let mut psi = DMatrix::zeros(self.mass.size(), n);
+        let mut found = ClampedModes::default();
+        if !i.is_empty() {
+            let factor = Factor::new(&self.stiffness.principal(&i)).ok_or_else(|| {
+                let loose = i.iter().find(|&&x| !self.has_stiffness(x));
+                let place = loose.map_or(String::new(), |x| {
+                    format!(": node {}, degree of freedom {}, has none", x / width, x % width)
+                });
+                error(
+                    name,
+                    format!("the stiffness of the inner nodes is not positive definite{place}"),
+                    "a body without free motion once its interfaces are clamped",
+                    "connect every node with elements",
+                )
+            })?;
+            found = ClampedModes::lowest(&factor, &self.mass.principal(&i), count).map_err(|rank| {
+                error(
+                    name,
+                    format!("{count} modes with clamped interfaces, but inner nodes have mass for {rank}"),
+                    "mass behind every mode",
+                    format!("keep {rank} modes, or give the inner nodes mass"),
+                )
+            })?;
+            let mut constraint = self.stiffness.block(&i, &t);
+            factor.solve(&mut constraint);
+            for (r, &row) in i.iter().enumerate() {
+                for c in 0..n {
+                    psi[(row, c)] =
+                        if c < count { found.shapes[(r, c)] } else { -constraint[(r, c - count)] };
+                }
+            }
+        }
+        for (c, &row) in t.iter().enumerate() {
+            psi[(row, count + c)] = 1.0;
+        }
+        Ok(Shapes { psi, clamped: found.frequencies, first_left_out: found.next, inner: i.len() })
+    }
+
+    fn has_stiffness(&self, dof: usize) -> bool {
+        self.stiffness.entries().any(|(i, j, a)| i == dof && j == dof && a > 0.0)
+    }
+
+    /// The outboard nodes as nodes of the body.
+    fn nodes(&self, width: usize, psi: &DMatrix<f64>) -> Vec<Node> {
+        let (n, origin) = (psi.ncols(), self.origin());
+        let node = |node: &InterfaceNode| {
             let first = node.index * width;
-            let column = |c: usize, from: usize| [0, 1, 2].map(|a| shapes[(first + from + a, c)]);
+            let column = |c: usize, from: usize| [0, 1, 2].map(|a| psi[(first + from + a, c)]);
             Node {
                 name: node.name.clone(),
                 position: difference(self.positions[node.index], origin),
@@ -145,10 +304,12 @@ impl CraigBampton {
                 rotation: (0..n).map(|c| if width == 6 { column(c, 3) } else { [0.0; 3] }).collect(),
                 quadratic: None,
             }
-        });
-        let body = FlexibleBody::new(integrals, stiffness.as_slice().to_vec(), nodes.collect());
-        let frequencies = lambda.iter().map(|x| x.sqrt()).collect();
-        Ok((body, ImportReport { frequencies, lumping, lumped }))
+        };
+        self.outboard.iter().map(node).collect()
+    }
+
+    fn origin(&self) -> [f64; 3] {
+        self.inboard.first().map_or([0.0; 3], |&k| self.positions[k])
     }
 
     /// Degrees of freedom of a node.
@@ -158,159 +319,67 @@ impl CraigBampton {
             found.push(Violation::error(Subject::Body(name.into()), what, required, remedy));
         };
         let nodes = self.positions.len();
-        let size = self.mass.nrows();
+        let size = self.mass.size();
         let width = if size == 6 * nodes { 6 } else { 3 };
         if nodes == 0 || size != width * nodes {
             let what = format!("{size} rows of the mass matrix for {nodes} nodes");
-            error(
-                what,
-                "three or six rows for every node",
-                "give positions of all nodes in the matrix's order",
-            );
+            let remedy = "give positions of all nodes in the matrix's order";
+            error(what, "three or six rows for every node", remedy);
         }
-        for (what, matrix) in [("mass", &self.mass), ("stiffness", &self.stiffness)] {
-            if matrix.nrows() != size || matrix.ncols() != size {
-                let what = format!("{what} matrix of {}×{}", matrix.nrows(), matrix.ncols());
-                error(what, &format!("{size}×{size}"), "give both matrices for the same degrees of freedom");
-            } else if matrix.iter().any(|x| !x.is_finite()) {
-                error(
-                    format!("{what} matrix with an entry that is not finite"),
-                    "finite numbers",
-                    "correct it",
-                );
-            }
+        if self.stiffness.size() != size {
+            let what = format!("stiffness matrix of {} rows, mass matrix of {size}", self.stiffness.size());
+            error(what, "equal sizes", "give both matrices for the same degrees of freedom");
         }
-        if self.positions.iter().flatten().any(|x| !x.is_finite()) {
-            error("a node's position is not finite".into(), "finite numbers", "correct it");
+        let numbers = self.mass.entries().chain(self.stiffness.entries()).map(|x| x.2);
+        let given = if let KeptModes::Given(psi) = &self.modes { psi.as_slice() } else { &[] };
+        let numbers = numbers.chain(self.positions.iter().flatten().copied()).chain(given.iter().copied());
+        if let Some(x) = numbers.into_iter().find(|x| !x.is_finite() || x.abs() > LARGEST) {
+            let required = format!("finite numbers of magnitude at most {LARGEST:e}");
+            error(format!("a number of the elements is {x:e}"), &required, "correct it");
         }
-        let mut seen = vec![self.inboard];
-        for index in std::iter::once(self.inboard).chain(self.outboard.iter().map(|n| n.index)) {
+        if self.inboard.is_empty() {
+            error("no inboard node".into(), "a node that the joint holds", "name it");
+        }
+        let mut seen = Vec::new();
+        for index in self.inboard.iter().copied().chain(self.outboard.iter().map(|n| n.index)) {
             if index >= nodes {
                 error(format!("interface node {index}"), &format!("an index below {nodes}"), "correct it");
             }
-        }
-        for node in &self.outboard {
-            if seen.contains(&node.index) {
-                let what = format!("node {} is an interface twice", node.index);
+            if seen.contains(&index) {
+                let what = format!("node {index} is an interface twice");
                 error(what, "different nodes", "let several joints name the same node");
             }
-            seen.push(node.index);
+            seen.push(index);
+        }
+        if let KeptModes::Given(psi) = &self.modes {
+            if psi.nrows() != size || psi.ncols() == 0 {
+                let what = format!("shape matrix of {}×{}", psi.nrows(), psi.ncols());
+                error(
+                    what,
+                    &format!("{size} rows, and a column for every mode"),
+                    "give all degrees of freedom",
+                );
+            } else {
+                for &k in self.inboard.iter().filter(|k| **k < nodes) {
+                    let rows = (k * width).min(size)..((k + 1) * width).min(size);
+                    if rows.clone().any(|r| psi.row(r).iter().any(|x| *x != 0.0)) {
+                        let what = format!("a shape moves inboard node {k}");
+                        error(what, "zero at the inboard nodes", "subtract the rigid motion of F");
+                    }
+                }
+            }
         }
         if found.is_empty() { Ok(width) } else { Err(ModelErrors(found)) }
     }
-
-    /// Integrals of the shapes, what lumping lacks, and whether masses were lumped.
-    fn integrals(&self, width: usize, shapes: &DMatrix<f64>) -> (ShapeIntegrals, f64, bool) {
-        let (nodes, n, origin) = (self.positions.len(), shapes.ncols(), self.positions[self.inboard]);
-        let at: Vec<[f64; 3]> = self.positions.iter().map(|&x| difference(x, origin)).collect();
-        // Rigid motions of all nodes: three translations, three rotations about F.
-        let mut rigid = DMatrix::zeros(self.mass.nrows(), 6);
-        for (k, s) in at.iter().enumerate() {
-            for a in 0..3 {
-                rigid[(k * width + a, a)] = 1.0;
-                let turned = cross(unit(a), *s);
-                (0..3).for_each(|r| rigid[(k * width + r, 3 + a)] = turned[r]);
-                if width == 6 {
-                    rigid[(k * width + 3 + a, 3 + a)] = 1.0;
-                }
-            }
-        }
-        let weighted = &self.mass * &rigid;
-        let rigid_mass = rigid.transpose() * &weighted;
-        let coupling = weighted.transpose() * shapes;
-        let modal = shapes.transpose() * &self.mass * shapes;
-        let (scalar, lumped) = match self.scalar_mass(width) {
-            Some(scalar) => (scalar, false),
-            None => (self.lumped_mass(width), true),
-        };
-        let direction = |a: usize| DMatrix::from_fn(nodes, n, |k, l| shapes[(k * width + a, l)]);
-        let place = DMatrix::from_fn(nodes, 3, |k, a| at[k][a]);
-        let displacement = [0, 1, 2].map(direction);
-        let heavy = [0, 1, 2].map(|a| &scalar * &displacement[a]);
-        let mut sum = ShapeIntegrals::zero(n);
-        sum.mass = rigid_mass[(0, 0)];
-        // R_t* M R_r = −d0~: the moment of the mass about F.
-        sum.first_moment = [rigid_mass[(1, 5)], rigid_mass[(2, 3)], rigid_mass[(0, 4)]];
-        let second = place.transpose() * &scalar * &place;
-        let trace = second.trace();
-        for i in 0..3 {
-            for j in 0..3 {
-                sum.second_moment[i][j] = second[(i, j)];
-                let rest = if i == j { trace } else { 0.0 };
-                sum.rotary[i][j] = rigid_mass[(3 + i, 3 + j)] - rest + second[(i, j)];
-            }
-        }
-        let mut lumping = 0.0f64;
-        for l in 0..n {
-            for a in 0..3 {
-                sum.displacement[l][a] = coupling[(a, l)];
-                for b in 0..3 {
-                    sum.moment[l][a][b] = heavy[a].column(l).dot(&place.column(b));
-                }
-            }
-            // What M_we(0) has beyond Σ s0 × ψ is rotary; for lumped masses also what lumping lacks.
-            let e = &sum.moment[l];
-            let axial = [e[2][1] - e[1][2], e[0][2] - e[2][0], e[1][0] - e[0][1]];
-            sum.rotary_coupling[l] = [0, 1, 2].map(|a| coupling[(3 + a, l)] - axial[a]);
-            for k in 0..n {
-                let mut trace = 0.0;
-                for a in 0..3 {
-                    for b in 0..3 {
-                        let product = heavy[a].column(l).dot(&displacement[b].column(k));
-                        sum.product[l * n + k][a][b] = product;
-                        trace += if a == b { product } else { 0.0 };
-                    }
-                }
-                sum.rotary_modal[l * n + k] = modal[(l, k)] - trace;
-                lumping = lumping.max((modal[(l, k)] - trace).abs());
-            }
-        }
-        (sum, lumping, lumped)
-    }
-
-    /// The mass matrix of one direction, if all three have the same and none is coupled with another or with rotations.
-    fn scalar_mass(&self, width: usize) -> Option<DMatrix<f64>> {
-        if width != 3 {
-            return None;
-        }
-        let nodes = self.positions.len();
-        let slack = 1e-12 * self.mass.amax();
-        let scalar = DMatrix::from_fn(nodes, nodes, |k, l| self.mass[(3 * k, 3 * l)]);
-        let same = |k: usize, l: usize| {
-            (0..3).all(|a| {
-                (0..3).all(|b| {
-                    let want = if a == b { scalar[(k, l)] } else { 0.0 };
-                    (self.mass[(3 * k + a, 3 * l + b)] - want).abs() <= slack
-                })
-            })
-        };
-        let all = (0..nodes).all(|k| (0..nodes).all(|l| same(k, l)));
-        all.then_some(scalar)
-    }
-    /// Sums of rows over translations along x: the share of each node.
-    fn lumped_mass(&self, width: usize) -> DMatrix<f64> {
-        let nodes = self.positions.len();
-        let share = |k: usize| (0..nodes).map(|l| self.mass[(k * width, l * width)]).sum::<f64>();
-        DMatrix::from_diagonal(&DVector::from_fn(nodes, |k, _| share(k)))
-    }
 }
 
-/// Φ with K Φ = M Φ ω², the `count` lowest, by the largest 1/ω² of c⁻¹ M c⁻* with K = c c*.
-fn lowest(stiff: &nalgebra::Cholesky<f64, nalgebra::Dyn>, mass: &DMatrix<f64>, count: usize) -> DMatrix<f64> {
-    if count == 0 {
-        return DMatrix::zeros(mass.nrows(), 0);
-    }
-    let c = stiff.l();
-    let left = solve_lower(&c, mass);
-    let standard = symmetric(&solve_lower(&c, &left.transpose()));
-    let eigen = SymmetricEigen::new(standard);
-    let mut order = sorted(&eigen.eigenvalues);
-    order.reverse();
-    let mut chosen = DMatrix::zeros(mass.nrows(), count);
-    for (column, &from) in order.iter().take(count).enumerate() {
-        chosen.set_column(column, &eigen.eigenvectors.column(from));
-    }
-    c.transpose().solve_upper_triangular(&chosen).unwrap_or(chosen)
+fn error(
+    name: &str,
+    found: impl Into<String>,
+    required: impl Into<String>,
+    remedy: impl Into<String>,
+) -> ModelErrors {
+    ModelErrors(vec![Violation::error(Subject::Body(name.into()), found, required, remedy)])
 }
 
 fn solve_lower(l: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
@@ -318,12 +387,12 @@ fn solve_lower(l: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     l.solve_lower_triangular(b).unwrap_or_else(|| b.clone())
 }
 
-fn symmetric(a: &DMatrix<f64>) -> DMatrix<f64> {
+pub(super) fn symmetric(a: &DMatrix<f64>) -> DMatrix<f64> {
     (a + a.transpose()) * 0.5
 }
 
 /// Indices in the order of increasing values.
-fn sorted(values: &DVector<f64>) -> Vec<usize> {
+pub(super) fn sorted(values: &DVector<f64>) -> Vec<usize> {
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
     order
@@ -333,199 +402,5 @@ fn difference(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn unit(i: usize) -> [f64; 3] {
-    let mut unit = [0.0; 3];
-    unit[i] = 1.0;
-    unit
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::{Beam, MassPoint, Random, Section};
-
-    /// Masses at random places, all connected by springs.
-    fn cloud(seed: u64) -> (Vec<f64>, CraigBampton) {
-        let mut random = Random::new(seed);
-        let count = 6;
-        let positions: Vec<[f64; 3]> = (0..count).map(|_| random.vector()).collect();
-        let masses: Vec<f64> = (0..count).map(|_| 0.5 + random.uniform()).collect();
-        let mut stiffness = DMatrix::zeros(3 * count, 3 * count);
-        for k in 0..count {
-            for l in 0..k {
-                let d = difference(positions[k], positions[l]);
-                for a in 0..3 {
-                    for b in 0..3 {
-                        let x = d[a] * d[b] * (1.0 + (k + l) as f64);
-                        stiffness[(3 * k + a, 3 * k + b)] += x;
-                        stiffness[(3 * l + a, 3 * l + b)] += x;
-                        stiffness[(3 * k + a, 3 * l + b)] -= x;
-                        stiffness[(3 * l + a, 3 * k + b)] -= x;
-                    }
-                }
-            }
-        }
-        // A cloud held at one point only turns about it: a spring of each mass to the ground of F stops that.
-        for k in 3..3 * count {
-            stiffness[(k, k)] += 0.5;
-        }
-        let mass = DMatrix::from_fn(3 * count, 3 * count, |i, j| if i == j { masses[i / 3] } else { 0.0 });
-        let outboard = (1..count).map(|k| InterfaceNode { name: format!("n{k}"), index: k }).collect();
-        (masses, CraigBampton { mass, stiffness, positions, inboard: 0, outboard, modes: 0 })
-    }
-
-    /// With every node an interface the shapes are known at all of them: integrals are sums over mass points.
-    #[test]
-    fn integrals_of_masses_and_springs_are_sums_over_points() {
-        for seed in 0..5 {
-            let (masses, elements) = cloud(seed);
-            let (body, report) = elements.reduce("cloud").unwrap();
-            let n = body.modes();
-            assert_eq!(n, 15);
-            assert!(!report.lumped && report.lumping < 1e-12, "{report:?}");
-            let mut points =
-                vec![MassPoint { mass: masses[0], position: [0.0; 3], displacement: vec![[0.0; 3]; n] }];
-            points.extend(body.nodes.iter().enumerate().map(|(k, node)| MassPoint {
-                mass: masses[k + 1],
-                position: node.position,
-                displacement: node.displacement.clone(),
-            }));
-            let want = ShapeIntegrals::from_points(n, &points);
-            let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
-            close(body.integrals.mass, want.mass);
-            for a in 0..3 {
-                close(body.integrals.first_moment[a], want.first_moment[a]);
-                for b in 0..3 {
-                    close(body.integrals.second_moment[a][b], want.second_moment[a][b]);
-                    close(body.integrals.rotary[a][b], 0.0);
-                    for l in 0..n {
-                        close(body.integrals.moment[l][a][b], want.moment[l][a][b]);
-                        for m in 0..n {
-                            let x = l * n + m;
-                            close(body.integrals.product[x][a][b], want.product[x][a][b]);
-                        }
-                    }
-                }
-                for l in 0..n {
-                    close(body.integrals.displacement[l][a], want.displacement[l][a]);
-                    close(body.integrals.rotary_coupling[l][a], 0.0);
-                }
-            }
-            let modal = body.integrals.modal_mass();
-            for l in 0..n {
-                for m in 0..n {
-                    close(modal[l * n + m], if l == m { 1.0 } else { 0.0 });
-                }
-            }
-        }
-    }
-
-    /// A beam of cubic elements in one plane, with all six degrees of freedom at each node; the others are stiff and heavy.
-    fn beam_elements(elements: usize) -> CraigBampton {
-        let nodes = elements + 1;
-        let h = 1.0 / elements as f64;
-        let (mut mass, mut stiffness) =
-            (DMatrix::zeros(6 * nodes, 6 * nodes), DMatrix::zeros(6 * nodes, 6 * nodes));
-        let m = [
-            [156.0, 22.0 * h, 54.0, -13.0 * h],
-            [22.0 * h, 4.0 * h * h, 13.0 * h, -3.0 * h * h],
-            [54.0, 13.0 * h, 156.0, -22.0 * h],
-            [-13.0 * h, -3.0 * h * h, -22.0 * h, 4.0 * h * h],
-        ];
-        let k = [
-            [12.0, 6.0 * h, -12.0, 6.0 * h],
-            [6.0 * h, 4.0 * h * h, -6.0 * h, 2.0 * h * h],
-            [-12.0, -6.0 * h, 12.0, -6.0 * h],
-            [6.0 * h, 2.0 * h * h, -6.0 * h, 4.0 * h * h],
-        ];
-        for e in 0..elements {
-            // Bending along y: y and the rotation about z; along z: z and minus the rotation about y.
-            for (moved, turned, sign) in [(1, 5, 1.0), (2, 4, -1.0)] {
-                let dofs = [6 * e + moved, 6 * e + turned, 6 * e + 6 + moved, 6 * e + 6 + turned];
-                let signs = [1.0, sign, 1.0, sign];
-                for i in 0..4 {
-                    for j in 0..4 {
-                        let s = signs[i] * signs[j];
-                        mass[(dofs[i], dofs[j])] += s * m[i][j] * h / 420.0;
-                        stiffness[(dofs[i], dofs[j])] += s * k[i][j] / (h * h * h);
-                    }
-                }
-            }
-            // Axial and torsion, with a linear shape.
-            for (dof, inertia, rigidity) in [(0, 1.0, 1e4), (3, 1e-3, 1e2)] {
-                let dofs = [6 * e + dof, 6 * e + 6 + dof];
-                for i in 0..2 {
-                    for j in 0..2 {
-                        let same = if i == j { 1.0 } else { -1.0 };
-                        mass[(dofs[i], dofs[j])] += inertia * h * (1.5 + 0.5 * same) / 6.0;
-                        stiffness[(dofs[i], dofs[j])] += same * rigidity / h;
-                    }
-                }
-            }
-        }
-        CraigBampton {
-            mass,
-            stiffness,
-            positions: (0..nodes).map(|k| [k as f64 * h, 0.0, 0.0]).collect(),
-            inboard: 0,
-            outboard: vec![InterfaceNode { name: "tip".into(), index: elements }],
-            modes: 14,
-        }
-    }
-
-    /// Frequencies and first-order integrals of a beam of elements are those of the beam.
-    #[test]
-    fn a_beam_of_elements_is_a_beam() {
-        let elements = beam_elements(16);
-        let (body, report) = elements.reduce("beam").unwrap();
-        let roots = crate::flexible::clamped_free_roots(2);
-        for (k, root) in roots.iter().enumerate() {
-            for plane in 0..2 {
-                let found = report.frequencies[2 * k + plane];
-                let want = root * root;
-                // Cubic elements: (b h)⁴/1440 or so; clamped-interface modes cost less.
-                assert!((found / want - 1.0).abs() < 1e-4, "{found} {want}");
-            }
-        }
-        assert!(report.lumped && report.lumping > 1e-6, "{report:?}");
-        let section = Section {
-            mass_per_length: 1.0,
-            bending_stiffness: [1.0; 2],
-            torsional_stiffness: 1e2,
-            polar_inertia: 1e-3,
-            axial_stiffness: 1e4,
-        };
-        let rigid = Beam::new(1.0, section).build().integrals;
-        assert!((body.integrals.mass - rigid.mass).abs() < 1e-13);
-        assert!((body.integrals.first_moment[0] - rigid.first_moment[0]).abs() < 1e-13);
-        let (a, b) = (body.integrals.undeformed(), rigid.undeformed());
-        for i in [0, 3, 5] {
-            assert!((a.tensor[i] - b.tensor[i]).abs() < 1e-10, "{:?} {:?}", a.tensor, b.tensor);
-        }
-        // M_ee and M_we(0) come from the mass matrix, whatever masses are lumped.
-        let modal = body.integrals.modal_mass();
-        let n = body.modes();
-        for l in 0..n {
-            for m in 0..n {
-                let want = if l == m { 1.0 } else { 0.0 };
-                assert!((modal[l * n + m] - want).abs() < 1e-11);
-            }
-        }
-    }
-
-    #[test]
-    fn what_is_wrong_is_said() {
-        let mut elements = beam_elements(4);
-        elements.outboard.push(InterfaceNode { name: "far".into(), index: 99 });
-        let said = elements.reduce("beam").unwrap_err().to_string();
-        assert!(said.contains("interface node 99") && said.contains("`beam`"), "{said}");
-        let mut free = beam_elements(4);
-        free.stiffness.fill(0.0);
-        let said = free.reduce("beam").unwrap_err().to_string();
-        assert!(said.contains("not positive definite"), "{said}");
-    }
-}
+mod tests;

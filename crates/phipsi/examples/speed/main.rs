@@ -1,11 +1,15 @@
 //! phipsi's side of `python -m validation.speed`: times the kernels on the states that it is given.
 //!
-//! MODEL is `FILE.urdf` or `FILE.urdf#LINK` (the link of the Jacobian), or `chain:N`, a chain made here. STATES-FILE may be
-//! `random:COUNT`. The operations are the arms of [`Program::operation`].
+//! MODEL is `FILE.urdf` or `FILE.urdf#LINK` (the link of the Jacobian), or `chain:N`, a chain made here; with closed loops,
+//! `FILE.loops`: the path of its tree, a line with gravity, then a line `NAME KIND LINK X Y Z ROLL PITCH YAW LINK X Y Z ROLL PITCH YAW` for each closure.
+//! STATES-FILE may be `random:COUNT`. The operations are the arms of [`Program::operation`].
 
 mod protocol;
 
-use phipsi::model::{Base, Body, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random};
+use phipsi::closure::{ClosedDynamics, Conditions};
+use phipsi::model::{
+    Base, Body, Closure, ClosureKind, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Random,
+};
 use phipsi::prelude::{Mimic, UrdfOptions, read_urdf_file};
 use phipsi::recursion::batch::{BatchRunner, Input, StateKernel, kernels};
 use phipsi::recursion::{
@@ -49,9 +53,11 @@ impl Program for Open {
         if let Some(n) = name.strip_prefix("chain:") {
             return Ok(Open::new(chain(n.parse()?)?, None));
         }
+        if name.ends_with(".loops") {
+            return Ok(Open::new(closed(&std::fs::read_to_string(name)?)?, None));
+        }
         let (path, link) = name.split_once('#').unwrap_or((name, ""));
-        let options = UrdfOptions { base: Base::Fixed, mimic: Mimic::Free };
-        let (model, _) = read_urdf_file(path, &options).into_result(false)?;
+        let model = tree(path)?;
         let target = if link.is_empty() { None } else { model.find_body(link)? };
         Ok(Open::new(model, target))
     }
@@ -82,6 +88,16 @@ impl Program for Open {
                 one(
                     nv,
                     Box::new(move |i, out| Ok(workspace.run(layout, s.q(i), s.v(i), s.tau(i), None, out)?)),
+                )
+            }
+            "closed_forward_dynamics" => {
+                let mut workspace = ClosedDynamics::new(&self.model)?;
+                one(
+                    nv,
+                    Box::new(move |i, out| {
+                        workspace.run(s.q(i), s.v(i), s.tau(i), &Conditions::default(), out)?;
+                        Ok(())
+                    }),
                 )
             }
             "inverse_dynamics" => {
@@ -134,6 +150,42 @@ impl Program for Open {
             _ => return Ok(None),
         }))
     }
+}
+
+/// The model of a URDF file.
+fn tree(path: &str) -> Result<Model, Failure> {
+    let options = UrdfOptions { base: Base::Fixed, mimic: Mimic::Free };
+    Ok(read_urdf_file(path, &options).into_result(false)?.0)
+}
+
+/// A tree and its closures.
+fn closed(text: &str) -> Result<Model, Failure> {
+    let mut lines = text.lines();
+    let model = tree(lines.next().ok_or("the file lacks its tree")?)?;
+    let gravity: Vec<f64> = lines
+        .next()
+        .ok_or("the file lacks its gravity")?
+        .split_ascii_whitespace()
+        .map(str::parse)
+        .collect::<Result<_, _>>()?;
+    let &[x, y, z] = &gravity[..] else { return Err("gravity is three numbers".into()) };
+    let mut model = model.with_gravity([x, y, z]);
+    for line in lines {
+        let words: Vec<&str> = line.split_ascii_whitespace().collect();
+        let &[name, kind, ..] = &words[..] else { return Err("a closure lacks its kind".into()) };
+        let side = |first: usize| -> Result<(String, Placement), Failure> {
+            let words = words.get(first..first + 7).ok_or("a closure ends early")?;
+            let mut x = [0.0f64; 6];
+            for (x, word) in x.iter_mut().zip(&words[1..]) {
+                *x = word.parse()?;
+            }
+            Ok((words[0].into(), Placement::from_xyz_rpy([x[0], x[1], x[2]], [x[3], x[4], x[5]])))
+        };
+        let ((body_a, pose_a), (body_b, pose_b)) = (side(2)?, side(9)?);
+        let kind = if kind == "weld" { ClosureKind::Weld } else { ClosureKind::Spherical };
+        model = model.with_closure(Closure { name: name.into(), kind, body_a, pose_a, body_b, pose_b })?;
+    }
+    Ok(model)
 }
 
 /// Three matrices of one buffer.

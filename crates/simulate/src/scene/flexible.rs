@@ -1,14 +1,49 @@
-//! A flexible body of a scene: a beam along x of the body's frame, from its section.
+//! A flexible body of a scene: a beam along x of the body's frame, from its section; a finite element model in files; or shape
+//! integrals.
 
+mod elements;
+mod integrals;
+
+use super::SceneFile;
 use super::tree::Table;
 use phipsi_formats::Report;
 use phipsi_model::{Beam, BeamModes, FlexibleBody, Section};
+use std::path::Path;
 
 /// More modes of one kind than any scene needs; with them integrals are still made in a moment.
-const MOST_MODES: f64 = 40.0;
+const MOST_MODES: usize = 40;
 
-/// Reads `[[body]] flexible = { … }`; `None` if there are errors.
-pub(super) fn read_flexible(table: &mut Table<'_>, report: &mut Report) -> Option<FlexibleBody> {
+/// Where files of a scene are, and those that were read.
+pub(super) struct Files<'a> {
+    pub(super) folder: &'a Path,
+    pub(super) read: &'a mut Vec<SceneFile>,
+    pub(super) reports: &'a mut Vec<Report>,
+}
+
+/// Reads `flexible = { … }` of the body of this name at this place in the list; `None` if there are errors.
+pub(super) fn read_flexible(
+    table: &mut Table<'_>,
+    (name, index): (&str, usize),
+    files: &mut Files<'_>,
+    report: &mut Report,
+) -> Option<FlexibleBody> {
+    let before = report.errors.len();
+    let body = if table.has("mass") || table.has("stiffness") {
+        elements::read(table, (name, index), files, report)
+    } else if table.has("integrals") {
+        integrals::read(table, report)
+    } else {
+        beam(table, report)
+    };
+    let held_at = table.text("held_at", report);
+    let body = body.filter(|_| report.errors.len() == before)?;
+    Some(match held_at {
+        Some(node) => body.held_at(node),
+        None => body,
+    })
+}
+
+fn beam(table: &mut Table<'_>, report: &mut Report) -> Option<FlexibleBody> {
     let before = report.errors.len();
     let mut positive = |key: &'static str, report: &mut Report| {
         table.required(key, report, "a number above 0");
@@ -29,9 +64,10 @@ pub(super) fn read_flexible(table: &mut Table<'_>, report: &mut Report) -> Optio
         axial_stiffness: optional(table, "axial_stiffness", report),
     };
     let bending = table.numbers::<2>("bending", report).unwrap_or([2.0, 2.0]);
-    let bending = bending.map(|x| count(x, "bending", table, report));
-    let torsion = table.number("torsion", report).map_or(0, |x| count(x, "torsion", table, report));
-    let axial = table.number("axial", report).map_or(0, |x| count(x, "axial", table, report));
+    let bending = bending.map(|x| count(x, "bending", MOST_MODES, table, report));
+    let torsion =
+        table.number("torsion", report).map_or(0, |x| count(x, "torsion", MOST_MODES, table, report));
+    let axial = table.number("axial", report).map_or(0, |x| count(x, "axial", MOST_MODES, table, report));
     let family = match table.word("modes", &["interface", "clamped_free", "pinned"], report) {
         Some("clamped_free") => BeamModes::ClampedFree,
         Some("pinned") => BeamModes::Pinned,
@@ -57,22 +93,15 @@ pub(super) fn read_flexible(table: &mut Table<'_>, report: &mut Report) -> Optio
         }
         node.finish(report);
     }
-    let held_at = table.text("held_at", report);
-    (report.errors.len() == before).then(|| {
-        let body = beam.build();
-        match held_at {
-            Some(node) => body.held_at(node),
-            None => body,
-        }
-    })
+    (report.errors.len() == before).then(|| beam.build())
 }
 
 /// A whole number of modes.
-fn count(x: f64, key: &str, table: &Table<'_>, report: &mut Report) -> usize {
-    if (0.0..=MOST_MODES).contains(&x) && x.fract() == 0.0 {
+fn count(x: f64, key: &str, most: usize, table: &Table<'_>, report: &mut Report) -> usize {
+    if (0.0..=most as f64).contains(&x) && x.fract() == 0.0 {
         return x as usize;
     }
-    let required = format!("whole numbers from 0 to {MOST_MODES}");
+    let required = format!("whole numbers from 0 to {most}");
     table.error(None, report, format!("{key} = {x}"), required, format!("correct `{key}`"));
     0
 }

@@ -1,15 +1,16 @@
 //! The mechanism of a scene: a URDF file, bodies and joints written in the scene, or both.
 
 use super::SceneFile;
-use super::closure;
-use super::flexible::read_flexible;
+use super::closure::{self, ReadClosure};
+use super::flexible::{Files, read_flexible};
 use super::molecule::MoleculeScene;
 use super::tree::{Table, Value, suggestion};
+use phipsi_closure::choose_tree;
 use phipsi_formats::urdf::{Mimic, UrdfOptions, urdf_builder_file};
 use phipsi_formats::{Note, Problem, Report, joint_kind};
 use phipsi_model::{
-    Base, Body, Coupling, Inertia, Joint, JointKind, Limits, Model, ModelBuilder, Placement, Severity,
-    Subject,
+    Base, Body, Coupling, Inertia, Joint, JointKind, Limits, Model, ModelBuilder, ModelErrors, Placement,
+    Severity, Subject,
 };
 use phipsi_motion::MovingClosure;
 use std::collections::HashMap;
@@ -42,6 +43,8 @@ pub(crate) fn read(
     let mut builder = ModelBuilder::new("scene");
     let mut options = UrdfOptions::default();
     let mut friction_speed = None;
+    // Names that stay what they are where the tree is chosen; `None`: the tree is the given one.
+    let mut kept: Option<Vec<String>> = None;
     let has_bodies = scene.has("body");
     if let Some(mut table) = scene.table("model", report) {
         if let Some(word) = table.word("base", &["fixed", "free"], report) {
@@ -50,6 +53,8 @@ pub(crate) fn read(
         if let Some(word) = table.word("mimic", &["closure", "free"], report) {
             options.mimic = if word == "free" { Mimic::Free } else { Mimic::Closure };
         }
+        let keep = table.texts("keep", report).unwrap_or_default();
+        kept = (table.word("tree", &["given", "chosen"], report) == Some("chosen")).then_some(keep);
         let gravity = table.numbers::<3>("gravity", report);
         friction_speed = table.positive("friction_speed", false, report);
         if let Some(urdf) = table.text("urdf", report) {
@@ -74,8 +79,9 @@ pub(crate) fn read(
     }
     builder = builder.base(options.base);
     let mut lines = HashMap::new();
-    for mut table in scene.tables("body", report) {
-        if let Some(body) = read_body(&mut table, report) {
+    for (index, mut table) in scene.tables("body", report).into_iter().enumerate() {
+        let mut found = Files { folder, read: &mut files, reports: &mut reports };
+        if let Some(body) = read_body(&mut table, index, &mut found, report) {
             lines.insert(format!("body `{}`", body.name), table.line);
             builder = builder.body(body);
         }
@@ -129,8 +135,15 @@ pub(crate) fn read(
     if !report.errors.is_empty() || reports.iter().any(|r| !r.errors.is_empty()) {
         return Err(reports);
     }
-    match builder.build() {
-        Ok(model) => Ok(Mechanism { model, files, reports, friction_speed, moving, molecule: None }),
+    let built = builder.build().and_then(|model| match kept {
+        Some(kept) => on_chosen_tree(&model, kept, &closures, report),
+        None => Ok((model, moving)),
+    });
+    match built {
+        Ok(_) if !report.errors.is_empty() => Err(reports),
+        Ok((model, moving)) => {
+            Ok(Mechanism { model, files, reports, friction_speed, moving, molecule: None })
+        }
         Err(errors) => {
             report.errors.extend(
                 errors
@@ -143,6 +156,37 @@ pub(crate) fn read(
     }
 }
 
+/// The model on the tree that its loops ask for, with its moving closures, which stay closures.
+fn on_chosen_tree(
+    model: &Model,
+    mut kept: Vec<String>,
+    closures: &[ReadClosure],
+    report: &mut Report,
+) -> Result<(Model, Vec<MovingClosure>), ModelErrors> {
+    for name in &kept {
+        if model.find_joint(name).is_err() && !model.closures().iter().any(|c| c.name == *name) {
+            let required = "the name of a joint or a closure";
+            report.errors.push(Problem::new(
+                None,
+                "model.keep",
+                format!("`{name}`"),
+                required,
+                "correct the name",
+            ));
+        }
+    }
+    kept.extend(closures.iter().filter(|c| !c.moving.is_empty()).map(|c| c.closure.name.clone()));
+    let names: Vec<&str> = kept.iter().map(String::as_str).collect();
+    let choice = choose_tree(model, &names)?;
+    report.used.push(Note::new(None, "tree", choice.to_string()));
+    let mut moving = closure::moving(closures, 0);
+    for m in &mut moving {
+        let name = &closures[m.closure].closure.name;
+        m.closure = choice.model.closures().iter().position(|c| c.name == *name).unwrap_or(m.closure);
+    }
+    Ok((choice.model, moving))
+}
+
 /// `{ xyz = […], rpy = […] }`; zeros where missing.
 pub(crate) fn pose(table: &mut Table<'_>, key: &'static str, report: &mut Report) -> Placement {
     let Some(mut origin) = table.table(key, report) else { return Placement::IDENTITY };
@@ -152,7 +196,12 @@ pub(crate) fn pose(table: &mut Table<'_>, key: &'static str, report: &mut Report
     Placement::from_xyz_rpy(xyz, rpy)
 }
 
-fn read_body(table: &mut Table<'_>, report: &mut Report) -> Option<Body> {
+fn read_body(
+    table: &mut Table<'_>,
+    index: usize,
+    files: &mut Files<'_>,
+    report: &mut Report,
+) -> Option<Body> {
     let name = table.required_text("name", report);
     if let Some(name) = name {
         table.place = format!("body `{name}`");
@@ -160,7 +209,7 @@ fn read_body(table: &mut Table<'_>, report: &mut Report) -> Option<Body> {
     let flexible = match table.table("flexible", report) {
         None => None,
         Some(mut flexible) => {
-            let body = read_flexible(&mut flexible, report);
+            let body = read_flexible(&mut flexible, (name.unwrap_or("body"), index), files, report);
             flexible.finish(report);
             if table.has("inertial") {
                 let remedy = "remove `inertial`; a payload is a body of its own on a fixed joint";

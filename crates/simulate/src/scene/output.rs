@@ -57,6 +57,9 @@ fn quantity(table: &mut Table<'_>, model: &Model, report: &mut Report) -> Option
         let [a, b] = ends;
         return Some(Quantity::Distance(a?, b?));
     }
+    if table.has("mode") {
+        return modal_coordinate(table, model, report);
+    }
     if table.has("body") {
         let body = find_body(table, "body", model, report);
         let point = Vec3(table.numbers("point", report).unwrap_or_default());
@@ -73,6 +76,25 @@ fn quantity(table: &mut Table<'_>, model: &Model, report: &mut Report) -> Option
     let required = "joint, joints, body (with point and axis), body_a and body_b (a distance), or energy";
     table.error(None, report, "nothing to measure", required, "add one of these keys");
     None
+}
+
+/// Mode `mode` of the flexible body `body`.
+fn modal_coordinate(table: &mut Table<'_>, model: &Model, report: &mut Report) -> Option<Quantity> {
+    let of = table.word("of", &["q", "v"], report).unwrap_or("q");
+    let body = find_body(table, "body", model, report)?;
+    let count = body.map_or(0, |k| model.bodies()[k].modes());
+    let number = table.number("mode", report)?;
+    let (Some(k), true) = (body, (1.0..=count as f64).contains(&number) && number.fract() == 0.0) else {
+        let node = table.get("mode");
+        let required = format!("a mode of this body, 1 to {count}");
+        table.error(node, report, format!("mode = {number}"), required, "correct `mode` or `body`");
+        return None;
+    };
+    let n = number as usize - 1;
+    Some(match of {
+        "v" => Quantity::Velocities(vec![(model.mode_v_range(k).start + n, 1.0)]),
+        _ => Quantity::Coordinates(vec![(model.mode_q_range(k).start + n, 1.0)]),
+    })
 }
 
 fn sum_of_joints(table: &mut Table<'_>, model: &Model, report: &mut Report) -> Option<Quantity> {

@@ -42,6 +42,14 @@ pub(crate) fn initial(scene: &mut Table<'_>, model: &Model, given: State, report
     let assemble = table.flag("assemble", report).unwrap_or(false);
     if let Some(q) = table.table("q", report) {
         for entry in q.rest() {
+            if let Value::Table(modes) = &entry.node.value {
+                let range = |k: usize| model.mode_q_range(k);
+                for (i, value) in mode_values("initial.q", entry, modes, model, range, report) {
+                    state.q[i] = value;
+                    named[0][model.joint_nv() + i - model.joint_nq()] = true;
+                }
+                continue;
+            }
             let at = |k: usize| (model.q_range(k), "position coordinates");
             if let Some((k, values)) = joint_values("initial.q", entry, model, at, report) {
                 state.q[model.q_range(k)].copy_from_slice(&values);
@@ -52,6 +60,14 @@ pub(crate) fn initial(scene: &mut Table<'_>, model: &Model, given: State, report
     }
     if let Some(v) = table.table("v", report) {
         for entry in v.rest() {
+            if let Value::Table(modes) = &entry.node.value {
+                let range = |k: usize| model.mode_v_range(k);
+                for (i, value) in mode_values("initial.v", entry, modes, model, range, report) {
+                    state.v[i] = value;
+                    named[1][i] = true;
+                }
+                continue;
+            }
             let at = |k: usize| (model.v_range(k), "degrees of freedom");
             if let Some((k, values)) = joint_values("initial.v", entry, model, at, report) {
                 state.v[model.v_range(k)].copy_from_slice(&values);
@@ -62,6 +78,43 @@ pub(crate) fn initial(scene: &mut Table<'_>, model: &Model, given: State, report
     table.finish(report);
     model.normalize(&mut state.q);
     Start { state, named, assemble }
+}
+
+/// `BODY = { mode1 = … }`: places of modal coordinates and their values.
+fn mode_values(
+    place: &str,
+    entry: &Entry,
+    modes: &[Entry],
+    model: &Model,
+    range: impl Fn(usize) -> std::ops::Range<usize>,
+    report: &mut Report,
+) -> Vec<(usize, f64)> {
+    let mut wrong = |line, found: String, required: String, remedy: String| {
+        report.errors.push(Problem::new(line, place, found, required, remedy));
+    };
+    let name = entry.key.as_str();
+    let is_flexible = |k: &usize| model.bodies()[*k].modes() > 0;
+    let Some(k) = model.find_body(name).ok().flatten().filter(is_flexible) else {
+        let names: Vec<&str> =
+            (0..model.len()).filter(is_flexible).map(|k| model.bodies()[k].name.as_str()).collect();
+        let required = "a flexible body of the model".into();
+        wrong(entry.line, format!("modes of `{name}`"), required, suggestion(name, &names));
+        return Vec::new();
+    };
+    let range = range(k);
+    let mut values = Vec::new();
+    for Entry { key, line, node } in modes {
+        let number = key.strip_prefix("mode").and_then(|n| n.parse::<usize>().ok());
+        match (number.filter(|n| (1..=range.len()).contains(n)), finite(node)) {
+            (Some(n), Some(value)) => values.push((range.start + n - 1, value)),
+            _ => {
+                let found = format!("{name}.{key} = {}", node.value.describe());
+                let required = format!("mode1 to mode{} and a finite number", range.len());
+                wrong(*line, found, required, "correct the mode or the number".into());
+            }
+        }
+    }
+    values
 }
 
 fn joint_values(

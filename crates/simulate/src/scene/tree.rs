@@ -352,6 +352,22 @@ impl<'a> Table<'a> {
         }
         list
     }
+    /// Texts in brackets.
+    pub(crate) fn texts(&mut self, key: &'static str, report: &mut Report) -> Option<Vec<String>> {
+        let node = self.get(key)?;
+        let text = |item: &Node| match &item.value {
+            Value::Text(s) => Some(s.clone()),
+            _ => None,
+        };
+        let list = match &node.value {
+            Value::List(items) => items.iter().map(text).collect(),
+            _ => None,
+        };
+        if list.is_none() {
+            self.wrong(key, node, report, "texts in brackets");
+        }
+        list
+    }
     /// One of a few words.
     pub(crate) fn word(
         &mut self,
