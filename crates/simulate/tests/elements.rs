@@ -108,7 +108,7 @@ fn elements_from_files_are_a_beam() {
     // Cubic elements of length h: (b h)⁴/1440, and rounding of matrices whose entries are 1e10 times the lowest λ.
     let of_elements = [0, 1].map(|k| (clamped_free_roots(2)[k] / 20.0).powi(4) / 700.0 + 1e-9);
     let (alone, few, more) = (errors("[]", 3), errors("[120]", 4), errors("[120]", 8));
-    println!("alone {alone:e?}, interface with 4 modes {few:e?}, 8 modes {more:e?}");
+    println!("alone {alone:?}, interface with 4 modes {few:?}, 8 modes {more:?}");
     for k in 0..2 {
         assert!((-1e-9..of_elements[k]).contains(&alone[k]), "{alone:?}");
         assert!((-1e-9..few[k] / 8.0 + of_elements[k]).contains(&more[k]), "{few:?} {more:?}");
