@@ -113,16 +113,16 @@ def test_integrals_of_a_beam_are_the_beam():
 
 
 def test_a_loop_over_a_beam():
-    m = flexible_arm()
+    tree, m = flexible_arm(), flexible_arm()
     q, v = state(m)
     pose = np.eye(4)
     pose[:3, 3] = m.body_pose(q, m.body_names[-1])[:3, 3]
     m.close_loop("world", pose, m.body_names[-1], np.eye(4), kind="spherical", name="pin")
     a, info = m.forward_dynamics(q, np.zeros(m.nv), np.zeros(m.nv), info=True)
-    assert info.rank >= 1 and info.closure_residual[0] < 1e-14
+    assert info.rank >= 1 and np.max(info.closure_residual) < 1e-14
     force = m.generalized_constraint_force(q, np.zeros(m.nv), np.zeros(m.nv))
-    M = m.mass_matrix(q)
-    free = m.inverse_dynamics(q, np.zeros(m.nv), np.zeros(m.nv))
+    M = tree.mass_matrix(q)
+    free = tree.inverse_dynamics(q, np.zeros(m.nv), np.zeros(m.nv))
     assert np.allclose(M @ a, force - free, rtol=0, atol=1e-10 * np.abs(free).max())
 
 

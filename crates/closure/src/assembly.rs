@@ -151,7 +151,7 @@ impl<T: Real> ClosedDynamics<T> {
             // Redundant rows keep what the model's numbers contradict each other by, however often the others are closed.
             let (_, solvable) = self.openness(iterations > 0);
             let still = iterations > 0 && (solvable <= self.closed() || solvable > 0.5 * last);
-            if open <= self.closed() || (open < self.stalled() && still) {
+            if open <= self.closed() || (open < self.stalled(q) && still) {
                 let residual = [before, largest(&self.frames.residual)];
                 return Ok(PositionProjection { residual, iterations });
             }
@@ -168,9 +168,10 @@ impl<T: Real> ClosedDynamics<T> {
         }
         Err(self.not_closed(MOST_PROJECTIONS))
     }
-    /// A residual from here on may be rounding of a long path, or of the model's numbers.
-    fn stalled(&self) -> f64 {
-        let relative = (512.0 * T::EPSILON).max(self.factors.data_error);
+    /// A residual from here on may be rounding of a long path, of the model's numbers, or of coordinates that have grown large, as
+    /// angles of many turns.
+    fn stalled(&self, q: &[T]) -> f64 {
+        let relative = (512.0 * T::EPSILON).max(self.factors.data_error).max(8.0 * T::EPSILON * largest(q));
         relative * self.length().max(1.0) * self.depth().max(1) as f64
     }
     /// q ← q ∘ step.
@@ -196,7 +197,7 @@ impl<T: Real> ClosedDynamics<T> {
         let mut last = f64::INFINITY;
         let mut mu = 1e-3f64;
         for trial in 0..MOST_TRIALS {
-            if open <= self.closed() || (open < self.stalled() && open > 0.5 * last) {
+            if open <= self.closed() || (open < self.stalled(q) && open > 0.5 * last) {
                 let residual = [before, largest(&self.frames.residual)];
                 return Ok(PositionProjection { residual, iterations: trial });
             }
@@ -219,7 +220,7 @@ impl<T: Real> ClosedDynamics<T> {
             } else {
                 q.copy_from_slice(&self.origin);
                 self.set_position(q, conditions)?;
-                if open < self.stalled() {
+                if open < self.stalled(q) {
                     last = open;
                 }
                 mu *= 10.0;

@@ -383,3 +383,19 @@ fn trees_refuse_loops() {
     let error = phipsi_recursion::forward_dynamics(&layout, &zero, &zero, &zero, None).unwrap_err();
     assert!(error.to_string().contains("closure `pin0` closes a loop"), "{error}");
 }
+
+/// After thousands of turns an angle has fewer digits after the point; a projection does as well as it can there.
+#[test]
+fn cranks_that_have_turned_often_are_projected() {
+    let model = four_bars(1);
+    let mut dynamics = ClosedDynamics::new(&model).unwrap();
+    let mut random = Random::new(7);
+    for turns in [0.0, 10.0, 1e3, 1e5] {
+        let mut q = parallel(&model, 1.0 + std::f64::consts::TAU * turns);
+        q.iter_mut().for_each(|q| *q += 1e-5 * random.signed());
+        let done = dynamics.project_position(&mut q, &Conditions::default()).unwrap();
+        // Three angles, each rounded to ε of itself, on rods of 1 m.
+        let rounding = 8.0 * f64::EPSILON * (1.0 + std::f64::consts::TAU * turns);
+        assert!(done.residual[1] < rounding && done.iterations < 6, "{turns} turns: {done:?}");
+    }
+}

@@ -349,3 +349,73 @@ impl Model {
         self.couplings.first()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Beam, Closure, ClosureKind, Section};
+
+    fn rod(name: &str) -> Body {
+        Body::new(name, Inertia::from_principal(1.0, [0.5, 0.0, 0.0], [0.1; 3]))
+    }
+
+    fn arm() -> Model {
+        let hinge = |name: &str| Joint::new(name, JointKind::Revolute { axis: [0.0, 1.0, 0.0] });
+        let (pose_a, pose_b) = (Placement::IDENTITY, Placement::IDENTITY);
+        let (body_a, body_b) = ("hand".into(), "world".into());
+        ModelBuilder::new("arm")
+            .gravity([0.0, 1.0, 2.0])
+            .body(rod("upper"))
+            .body(rod("lower"))
+            .body(rod("hand"))
+            .joint(hinge("shoulder"), "world", "upper")
+            .joint(hinge("elbow"), "upper", "lower")
+            .joint(hinge("wrist"), "lower", "hand")
+            .coupling(Coupling {
+                joint: "elbow".into(),
+                source: "wrist".into(),
+                multiplier: 2.0,
+                offset: 0.1,
+            })
+            .closure(Closure {
+                name: "pin".into(),
+                kind: ClosureKind::Spherical,
+                body_a,
+                pose_a,
+                body_b,
+                pose_b,
+            })
+            .build()
+            .unwrap()
+    }
+
+    #[test]
+    fn a_model_is_built_again_from_its_builder() {
+        let section = Section {
+            mass_per_length: 1.0,
+            bending_stiffness: [3.0, 2.0],
+            torsional_stiffness: 1.0,
+            polar_inertia: 0.01,
+            axial_stiffness: 1e3,
+        };
+        let (model, beam) = (arm(), Beam::new(1.0, section).bending([1, 1]).build());
+        assert_eq!(model.to_builder().build().unwrap(), model);
+        let at_tip = [("wrist".to_string(), "tip".to_string())];
+        let flexible = model.with_flexible_body("lower", beam.clone(), &at_tip).unwrap();
+        assert_eq!((flexible.nv(), flexible.modes()), (3 + 6, 6));
+        assert_eq!(flexible.attachment(flexible.find_joint("wrist").unwrap()).unwrap().name, "tip");
+        assert_eq!(flexible.closures(), model.closures());
+        assert_eq!(flexible.to_builder().build().unwrap(), flexible);
+        // A second time without nodes: the wrist is in the frame again.
+        let again = flexible.with_flexible_body("lower", beam.clone(), &[]).unwrap();
+        assert!(again.attachment(2).is_none());
+        let said = |name: &str, joint: &str, node: &str| {
+            let nodes = [(joint.to_string(), node.to_string())];
+            model.with_flexible_body(name, beam.clone(), &nodes).unwrap_err().to_string()
+        };
+        assert!(said("arm", "wrist", "tip").contains("no body is called `arm`"));
+        assert!(said("world", "wrist", "tip").contains("the world"));
+        assert!(said("lower", "wrst", "tip").contains("no joint is called `wrst`"));
+        assert!(said("lower", "wrist", "end").contains("no node `end`"));
+    }
+}

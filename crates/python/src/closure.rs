@@ -109,7 +109,7 @@ impl Model {
         let (mut tau, mut wrenches) = (compiled.v(tau, "tau")?, compiled.wrenches(wrenches)?);
         let batch = Batch::of(py, [&mut q, &mut v, &mut tau].into_iter().chain(&mut wrenches.arguments))?;
         let template = compiled.closed(py)?;
-        let gamma = closure_motion.map(|given| gamma(&template, given)).transpose()?;
+        let gamma = closure_motion.map(|given| gamma(template, given)).transpose()?;
         let motion = gamma.as_ref().map(|[position, velocity, acceleration]| ClosureMotion {
             position,
             velocity,

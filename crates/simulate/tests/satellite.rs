@@ -46,3 +46,17 @@ fn the_base_reacts_and_the_estimate_covers_the_error() {
         assert!(estimate > 0.1 * error && estimate < 10.0 * error, "estimated {estimate:e}, true {error:e}");
     }
 }
+
+/// A free base, a loop through both arms, driven and passive joints at once: momentum and the grip are kept.
+#[test]
+fn two_arms_hold_one_object() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/satellite_two_arms.toml");
+    let mut scene = load(&path, &["integrator.estimate=false".to_string()]).unwrap();
+    let summary = run(&mut scene.simulation, &mut Recording::default()).unwrap();
+    let [angular, linear] = summary.momentum_error.unwrap();
+    // The scene's tolerance is 1e-11; measured 5e-11.
+    assert!(angular.max(linear) <= 1e-9, "{angular:e} {linear:e}");
+    let closures = summary.closures.unwrap();
+    assert!(closures.position <= 1e-13 && closures.velocity <= 1e-13, "{closures:?}");
+    assert!(summary.energy_error <= 1e-9, "{:e}", summary.energy_error);
+}

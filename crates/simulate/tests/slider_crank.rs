@@ -31,19 +31,20 @@ fn differences(summary: &Summary, wanted: &[f64]) -> Vec<f64> {
 }
 
 fn tolerance(rtol: f64) -> Vec<String> {
-    vec![format!("integrator.rtol={rtol:e}"), format!("integrator.atol={:e}", 1e-4 * rtol)]
+    vec![format!("integrator.rtol={rtol:e}"), format!("integrator.atol={:e}", (1e-4 * rtol).max(1e-14))]
 }
 
 fn largest(x: &[f64]) -> f64 {
     x.iter().fold(0.0, |most, x| x.abs().max(most))
 }
 
-/// q1 to q4 at t = 0.1 to 1e-10, and less as the tolerance is wider. Their values are of 1e-4 to 1e-6 m.
+/// q1 to q4 at t = 0.1, of 2e-4 to 5e-6 m, against the published equations in double-double numbers. The projection after each step
+/// leaves the loop open by 8 ε L for each body of its path at most, 2e-15 m: 4e-10 of q3.
 #[test]
-fn the_flexible_slider_crank_reaches_ten_digits() {
+fn the_flexible_slider_crank_reaches_its_published_end() {
     let wanted = known();
     println!("| `rtol` | evaluations | q1 | q2 | q3 | q4 |\n|---|---|---|---|---|---|");
-    for (rtol, budget) in [(1e-8, 1e-4), (1e-10, 1e-6), (1e-12, 1e-10)] {
+    for (rtol, budget) in [(1e-8, 1e-4), (1e-10, 1e-6), (1e-12, 1e-8), (1e-14, 5e-10)] {
         let summary = end(&tolerance(rtol));
         let [a, b, c, d] = <[f64; 4]>::try_from(differences(&summary, &wanted)).unwrap();
         println!("| {rtol:.0e} | {} | {a:.0e} | {b:.0e} | {c:.0e} | {d:.0e} |", summary.evaluations);
@@ -72,8 +73,8 @@ fn products(longitudinal: f64, mixed: f64) -> String {
     format!("body.1.flexible.integrals.product=[{}]", all.join(", "))
 }
 
-/// What changes at t = 0.1 where a term of the rod is left out or put in, relative; known of two of them (reproduction of the
-/// published equations with each term switched off).
+/// What changes at t = 0.1 where a term of the rod is left out or put in, relative; known from the published equations with terms
+/// switched off: all of the first, and q1 of the second, which depends on η² in the inertia alone.
 #[test]
 fn terms_of_the_slider_crank_change_what_is_known() {
     let run = |terms: &[String]| end(&[tolerance(1e-9), terms.to_vec()].concat());
@@ -127,27 +128,27 @@ fn terms_of_the_slider_crank_change_what_is_known() {
         (
             "longitudinal S_xx of the shapes, a fifteenth",
             vec![products(1.0 / 15.0, 1.0)],
-            Some([6e-5, 2e-4, 8e-3, 7e-3]),
+            &[6e-5, 2e-4, 8e-3, 7e-3][..],
         ),
         (
             "no products S_lm beyond M_ee: η² in the inertia and its velocity terms",
             vec![none, modal],
-            Some([9e-3, 1e-4, 5e-4, 5e-4]),
+            &[9e-3],
         ),
         (
             "no products of bending and stretching: inertia and Coriolis terms of η_1 η̇_3 and such",
             vec![products(1.0, 0.0)],
-            None,
+            &[],
         ),
-        ("rotary inertia of the sections", vec!["body.1.flexible.integrals.rotary=".into()], None),
-        ("shortening by bending put in (geometric stiffening)", stiffening.to_vec(), None),
+        ("rotary inertia of the sections", vec!["body.1.flexible.integrals.rotary=".into()], &[]),
+        ("shortening by bending put in (geometric stiffening)", stiffening.to_vec(), &[]),
     ] {
         let changed = differences(&run(&terms), &wanted);
         println!(
             "| {what} | {:.0e} | {:.0e} | {:.0e} | {:.0e} |",
             changed[0], changed[1], changed[2], changed[3]
         );
-        for (found, known) in changed.iter().zip(known.into_iter().flatten()) {
+        for (found, known) in changed.iter().zip(known) {
             // One digit is known.
             assert!((found / known - 1.0).abs() < 0.5, "{what}: {changed:?}");
         }
