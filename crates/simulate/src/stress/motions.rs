@@ -29,10 +29,13 @@ const MEANINGFUL: f64 = 1e-3;
 
 type Made = Result<Simulation, Box<dyn std::error::Error>>;
 
+/// The error of a run's end.
+type EndError = Box<dyn Fn(&Summary) -> f64 + Send>;
+
 /// What a run is judged by.
 struct Truth {
     /// Error of the end, rad or m; `None`: only what is conserved is known.
-    error: Option<Box<dyn Fn(&Summary) -> f64 + Send>>,
+    error: Option<EndError>,
     /// Size of the motion.
     scale: f64,
     /// κ where it is not measured.
