@@ -4,7 +4,7 @@ use crate::batch::{Argument, Batch};
 use crate::dynamics::{ForwardInfo, forward_judgement};
 use crate::errors::{Failure, argument_error, choice_error, dynamics_error, exception, violations_error};
 use crate::model::{Compiled, Model, Names};
-use phipsi::closure::{ClosedDynamics, ClosureError, ClosureMotion, Conditions};
+use phipsi::closure::{ClosedDynamics, ClosureError, ClosureMotion, Conditions, PositionProjection};
 use phipsi::model::{Closure, ClosureKind, Placement};
 use phipsi::motion::MotionError;
 use phipsi::recursion::{Form, forward_info};
@@ -33,6 +33,13 @@ impl AssemblyInfo {
         Ok(format!("AssemblyInfo(closure_residual={residual}, iterations={iterations})"))
     }
 }
+
+/// What moves a configuration onto the closures.
+pub(crate) type Closing = fn(
+    &mut ClosedDynamics<f64>,
+    &mut [f64],
+    &Conditions<'_, f64>,
+) -> Result<PositionProjection, ClosureError>;
 
 /// A pose in a body, from a 4×4 matrix.
 fn placement(object: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Placement> {
@@ -91,6 +98,38 @@ pub(crate) fn as_type<'py>(x: Bound<'py, PyAny>, kind: &str) -> PyResult<Py<PyAn
 }
 
 impl Model {
+    /// Configurations that `close` moves onto the closures.
+    pub(crate) fn closed_positions<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        close: Closing,
+    ) -> PyResult<(Bound<'py, PyAny>, Py<AssemblyInfo>)> {
+        let compiled = self.compiled();
+        let mut q = compiled.q(q, "q")?;
+        let batch = Batch::of(py, [&mut q])?;
+        let template = compiled.closed(py)?;
+        let nq = compiled.model.nq();
+        let out = batch.each(
+            py,
+            nq + 2,
+            || template.clone(),
+            |work, i, out| {
+                out[..nq].copy_from_slice(q.at(i));
+                let done = close(work, &mut out[..nq], &Conditions::default())?;
+                compiled.model.normalize(&mut out[..nq]);
+                out[nq..].copy_from_slice(&[done.residual[1], done.iterations as f64]);
+                Ok(())
+            },
+        );
+        let out = out.map_err(|e| compiled.failure(py, &batch, e, Names::Other("a configuration")))?;
+        let states = || out.chunks_exact(nq + 2);
+        let column = |j: usize| batch.array(py, states().map(|s| s[nq + j]).collect(), &[]);
+        let info =
+            AssemblyInfo { closure_residual: column(0)?.unbind(), iterations: as_type(column(1)?, "int64")? };
+        let q = batch.array(py, states().flat_map(|s| s[..nq].iter().copied()).collect(), &[nq])?;
+        Ok((q, Py::new(py, info)?))
+    }
     /// ``forward_dynamics`` of a model with loops.
     ///
     /// # Errors
@@ -309,30 +348,7 @@ impl Model {
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
     ) -> PyResult<(Bound<'py, PyAny>, Py<AssemblyInfo>)> {
-        let compiled = self.compiled();
-        let mut q = compiled.q(q, "q")?;
-        let batch = Batch::of(py, [&mut q])?;
-        let template = compiled.closed(py)?;
-        let nq = compiled.model.nq();
-        let out = batch.each(
-            py,
-            nq + 2,
-            || template.clone(),
-            |work, i, out| {
-                out[..nq].copy_from_slice(q.at(i));
-                let done = work.assemble(&mut out[..nq], &Conditions::default())?;
-                compiled.model.normalize(&mut out[..nq]);
-                out[nq..].copy_from_slice(&[done.residual[1], done.iterations as f64]);
-                Ok(())
-            },
-        );
-        let out = out.map_err(|e| compiled.failure(py, &batch, e, Names::Other("a configuration")))?;
-        let states = || out.chunks_exact(nq + 2);
-        let column = |j: usize| batch.array(py, states().map(|s| s[nq + j]).collect(), &[]);
-        let info =
-            AssemblyInfo { closure_residual: column(0)?.unbind(), iterations: as_type(column(1)?, "int64")? };
-        let q = batch.array(py, states().flat_map(|s| s[..nq].iter().copied()).collect(), &[nq])?;
-        Ok((q, Py::new(py, info)?))
+        self.closed_positions(py, q, ClosedDynamics::assemble)
     }
     /// How far a state is off the closures.
     ///

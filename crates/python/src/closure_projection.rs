@@ -4,7 +4,7 @@ use crate::batch::{Argument, Batch};
 use crate::closure::{AssemblyInfo, as_type};
 use crate::errors::{name_error, violations_error};
 use crate::model::{Compiled, Model, Names};
-use phipsi::closure::{Conditions, Prescribed, Projection, choose_tree};
+use phipsi::closure::{ClosedDynamics, Conditions, Prescribed, Projection, choose_tree};
 use pyo3::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
@@ -199,30 +199,7 @@ impl Model {
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
     ) -> PyResult<(Bound<'py, PyAny>, Py<AssemblyInfo>)> {
-        let compiled = self.compiled();
-        let mut q = compiled.q(q, "q")?;
-        let batch = Batch::of(py, [&mut q])?;
-        let template = compiled.closed(py)?;
-        let nq = compiled.model.nq();
-        let out = batch.each(
-            py,
-            nq + 2,
-            || template.clone(),
-            |work, i, out| {
-                out[..nq].copy_from_slice(q.at(i));
-                let done = work.project_position(&mut out[..nq], &Conditions::default())?;
-                compiled.model.normalize(&mut out[..nq]);
-                out[nq..].copy_from_slice(&[done.residual[1], done.iterations as f64]);
-                Ok(())
-            },
-        );
-        let out = out.map_err(|e| compiled.failure(py, &batch, e, Names::Other("a configuration")))?;
-        let states = || out.chunks_exact(nq + 2);
-        let column = |j: usize| batch.array(py, states().map(|s| s[nq + j]).collect(), &[]);
-        let info =
-            AssemblyInfo { closure_residual: column(0)?.unbind(), iterations: as_type(column(1)?, "int64")? };
-        let q = batch.array(py, states().flat_map(|s| s[..nq].iter().copied()).collect(), &[nq])?;
-        Ok((q, Py::new(py, info)?))
+        self.closed_positions(py, q, ClosedDynamics::project_position)
     }
     /// Makes velocities consistent with the closures: v + δ(−Jv), the change of least kinetic energy.
     ///
