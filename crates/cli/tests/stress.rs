@@ -10,7 +10,8 @@ fn stress(arguments: &[&str]) -> Output {
 fn a_family_is_printed_as_one_value_and_put_into_a_page() {
     let scratch = tempfile::tempdir().unwrap();
     let page = scratch.path().join("page.md");
-    std::fs::write(&page, "before\n<!-- tables: begin -->\nold\n<!-- tables: end -->\nafter\n").unwrap();
+    std::fs::write(&page, "before\n<!-- tables: begin -->\n(replaced)\n<!-- tables: end -->\nafter\n")
+        .unwrap();
     let output = stress(&["--only", "loops", "--json", "--page", page.to_str().unwrap()]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let value: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -19,7 +20,10 @@ fn a_family_is_printed_as_one_value_and_put_into_a_page() {
     // Units of εκ: the budget is 4 n.
     assert!(near["forward_error"].as_f64().unwrap() <= 12.0, "{near}");
     let text = std::fs::read_to_string(&page).unwrap();
-    assert!(text.starts_with("before\n") && text.ends_with("after\n") && !text.contains("old"), "{text}");
+    assert!(
+        text.starts_with("before\n") && text.ends_with("after\n") && !text.contains("(replaced)"),
+        "{text}"
+    );
     assert!(text.contains("| singular-1e-2 | right |"), "{text}");
 }
 

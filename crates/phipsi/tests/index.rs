@@ -119,9 +119,13 @@ fn algorithms_of_closure_have_rows() {
 #[test]
 fn every_row_is_full_and_names_what_exists() {
     let mut tests = String::new();
-    for folder in
-        ["crates/recursion/tests", "crates/closure/tests", "crates/closure/src", "crates/phipsi/tests"]
-    {
+    for folder in [
+        "crates/recursion/tests",
+        "crates/closure/tests",
+        "crates/closure/src",
+        "crates/motion/tests",
+        "crates/phipsi/tests",
+    ] {
         for stem in stems(folder) {
             tests += &read(root().join(folder).join(format!("{stem}.rs")));
         }

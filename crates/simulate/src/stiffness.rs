@@ -51,8 +51,11 @@ pub(crate) fn look(simulation: &mut Simulation) -> Option<Choice> {
     }
     let implicit = if tolerance >= LOOSE { Method::Rodas4 } else { Method::Rodas5p };
     let (settled, measured) = limited(simulation, explicit)?;
-    let settled = advance(simulation, implicit, &settled.end, IMPLICIT_STEPS / 2)?;
-    let other = advance(simulation, implicit, &settled.end, IMPLICIT_STEPS / 2)?;
+    let mut other = advance(simulation, implicit, &settled.end, IMPLICIT_STEPS / 2)?;
+    // Steps after the first ones count, but for a run that those end.
+    if other.complete {
+        other = advance(simulation, implicit, &other.end, IMPLICIT_STEPS / 2)?;
+    }
     let nv = simulation.model().nv();
     let work = other.evaluations + other.steps * linearisation(nv);
     let speed = (other.end.t - other.begin) / work;

@@ -176,7 +176,8 @@ fn a_locked_joint_holds_the_mechanism() {
     for row in &recording.rows {
         assert!(row.q.iter().zip(first).all(|(a, b)| (a - b).abs() < 1e-13), "{:?} {first:?}", row.q);
     }
-    assert_eq!(summary.energy_error.max(1e-15), 1e-15);
+    // Rounding of a held mechanism, and nothing that grows.
+    assert!(summary.energy_error < 1e-14, "{:e}", summary.energy_error);
 }
 
 /// A pendulum whose pivot is shaken by a moving closure is one on a prescribed slider.
