@@ -70,16 +70,22 @@ METHODS = {
     "articulated_inertias": lambda m, q, v, x: m.articulated_inertias(q),
     "space_jacobian": lambda m, q, v, x: m.space_jacobian(q, "FL_LOWER_LEG", point=x[..., :3]),
     "wrenches": lambda m, q, v, x: m.forward_dynamics(q, v, x, wrenches={"FL_LOWER_LEG": x[..., :6]}),
+    "diagonal_velocity": lambda m, q, v, x: m.diagonal_velocity(q, v),
+    "joint_velocity": lambda m, q, v, x: m.joint_velocity(q, v),
+    "diagonal_dynamics": lambda m, q, v, x: m.diagonal_dynamics(q, v, x),
+    "diagonal_coriolis": lambda m, q, v, x: m.diagonal_coriolis(q, v),
     "info": lambda m, q, v, x: m.forward_dynamics(q, v, x, info=True)[1].backward_error,
 }
 
 
 def test_every_method_is_here():
     configuration = {"from_urdf", "from_urdf_text", "joint_q_offset", "joint_v_offset", "neutral", "random_state"}
+    configuration |= {"with_flexible_body", "mode_q_offset", "mode_v_offset"}
     methods = {n for n, f in vars(phipsi.Model).items() if callable(f) or isinstance(f, staticmethod)}
     methods = {n for n in methods if not n.startswith("_")}
     # Of models with loops, in test_loops.
     loops = {"close_loop", "assemble", "closure_residual", "closure_forces", "generalized_constraint_force"}
+    loops |= {"choose_tree", "closure_projection", "project_position", "project_velocity"}
     # Of arms, in test_jacobians; of one configuration, in test_freeflight.
     arms = {"inverse_kinematics", "jacobian_pseudo_inverse", "linearize", "operational_space_inertia", "sample_velocities"}
     single = {"reactionless_basis"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import mdtraj
 import numpy as np
@@ -146,8 +147,14 @@ def test_a_function_that_asks_its_model_is_told_so(s):
 
 
 def test_other_threads_see_the_state_of_a_running_model(s):
-    t = TorsionModel(s, forces=native(s))
-    thread = threading.Thread(target=t.run, args=(2000, 1.0))
+    forces = native(s)
+
+    def slow(positions):
+        time.sleep(1e-3)
+        return forces(positions)
+
+    t = TorsionModel(s, forces=slow)
+    thread = threading.Thread(target=t.run, args=(300, 1.0))
     thread.start()
     seen = []
     while thread.is_alive():

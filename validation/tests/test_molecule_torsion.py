@@ -139,7 +139,7 @@ def test_rigid_by_atoms_and_by_kind(s):
 
 def test_wrong_divisions(s):
     for arguments, argument in (
-        ({"clusters": "cartesian"}, "clusters"),
+        ({"clusters": "atoms"}, "clusters"),
         ({"rigid": ["methyls"]}, "rigid"),
         ({"rigid": [["ALA2:CX"]]}, "rigid"),
         ({"rigid": [[22]]}, "rigid"),

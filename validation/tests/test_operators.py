@@ -137,7 +137,9 @@ def test_diagonal_velocities(model):
     nu, eta = model.diagonal_velocity(q, v), model.diagonal_velocity(q, v, normalized=False)
     energy = model.kinetic_energy(q, v)
     assert np.isclose(nu @ nu / 2, energy, rtol=1e-12)
-    assert np.isclose(eta @ (phipsi.operators(model, q).D @ eta) / 2, energy, rtol=1e-12)
+    if len(model.joint_names) == model.nv:
+        # The components of a joint are eliminated one after the other, where D of the operators is a block.
+        assert np.isclose(eta @ (phipsi.operators(model, q).D @ eta) / 2, energy, rtol=1e-12)
     assert np.allclose(model.joint_velocity(q, nu), v, rtol=0, atol=1e-11 * np.abs(v).max())
     assert abs(nu @ model.diagonal_coriolis(q, nu)) < 1e-11 * (nu @ nu) ** 1.5
     tau = np.linspace(-1, 1, model.nv)

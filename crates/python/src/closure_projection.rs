@@ -306,8 +306,9 @@ impl Model {
     /// >>> m = phipsi.Model.from_urdf("arm.urdf")
     /// >>> m.choose_tree()
     /// 'the given tree, sum of squared open rows 0: no better one was found'
-    #[pyo3(signature = (keep = Vec::new()))]
-    fn choose_tree(&self, py: Python<'_>, keep: Vec<String>) -> PyResult<String> {
+    #[pyo3(signature = (keep = None))]
+    fn choose_tree(&self, py: Python<'_>, keep: Option<Vec<String>>) -> PyResult<String> {
+        let keep = keep.unwrap_or_default();
         let names: Vec<&str> = keep.iter().map(String::as_str).collect();
         let mut words = String::new();
         self.replace(|model| {

@@ -396,6 +396,13 @@ impl Model {
     /// First index in q of a body's modal coordinates.
     ///
     /// Raises ArgumentError for an unknown name and for a rigid body.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> m = m.with_flexible_body("lower", phipsi.FlexibleBody.beam(1.0, 1.0, [3.0, 2.0], bending=[1, 1]))
+    /// >>> m.mode_q_offset("lower")
+    /// 2
     fn mode_q_offset(&self, py: Python<'_>, body: &str) -> PyResult<usize> {
         let compiled = self.compiled();
         Ok(compiled.model.mode_q_range(flexible_body(py, &compiled, body)?).start)
@@ -403,6 +410,13 @@ impl Model {
     /// First index in v of a body's modal coordinates.
     ///
     /// Raises ArgumentError for an unknown name and for a rigid body.
+    ///
+    /// Example
+    /// -------
+    /// >>> m = phipsi.Model.from_urdf("arm.urdf")
+    /// >>> m = m.with_flexible_body("lower", phipsi.FlexibleBody.beam(1.0, 1.0, [3.0, 2.0], bending=[1, 1]))
+    /// >>> m.mode_v_offset("lower")
+    /// 2
     fn mode_v_offset(&self, py: Python<'_>, body: &str) -> PyResult<usize> {
         let compiled = self.compiled();
         Ok(compiled.model.mode_v_range(flexible_body(py, &compiled, body)?).start)

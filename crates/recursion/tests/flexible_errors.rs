@@ -43,6 +43,21 @@ fn refused<T>(result: Result<T, DynamicsError>, name: &str) {
     }
 }
 
+/// Accelerations of flexible bodies are judged, too; no hinge is named.
+#[test]
+fn accelerations_of_flexible_bodies_are_judged() {
+    let model = boom(beam()).build().unwrap();
+    let layout = Layout::<f64>::new(&model);
+    let (q, v) = (model.neutral::<f64>(), vec![0.3; model.nv()]);
+    let mut a = fast::forward_dynamics(&layout, &q, &v, &v, None).unwrap();
+    let info = fast::forward_info(&layout, &q, &v, &v, None, &a).unwrap();
+    let allowed = 100.0 * model.nv() as f64 * f64::EPSILON;
+    assert!(info.backward_error <= allowed && info.worst_hinge.is_none(), "{info:?}");
+    a[0] += 1e-3 * a[0].abs().max(1.0);
+    let info = fast::forward_info(&layout, &q, &v, &v, None, &a).unwrap();
+    assert!(info.backward_error > 1e-6, "{info:?}");
+}
+
 /// Algorithms that know rigid bodies only say so; none computes something else.
 #[test]
 fn flexible_bodies_are_refused_where_they_are_unknown() {
@@ -53,7 +68,6 @@ fn flexible_bodies_are_refused_where_they_are_unknown() {
     refused(fast::joint_reactions(&model, &layout, &q, &v, &v, None), "joint_reactions");
     refused(ArticulatedSweep::new(&layout, &q), "ArticulatedSweep");
     refused(fast::innovations_operator(&layout, &q), "ArticulatedSweep");
-    refused(fast::forward_info(&layout, &q, &v, &v, None, &v), "ArticulatedSweep");
     refused(fast::centroidal_momentum_matrix(&layout, &q), "centroidal_momentum_matrix");
     refused(
         fast::square_root_forward_dynamics(&model, &layout, &q, &v, &v, None),

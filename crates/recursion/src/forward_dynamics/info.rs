@@ -3,7 +3,7 @@
 use crate::error::DynamicsError;
 use crate::inverse_dynamics::inverse_dynamics;
 use crate::layout::{GROUND, Layout};
-use crate::mass_matrix::composite_inertias;
+use crate::mass_matrix::{composite_inertias, mass_matrix};
 use phipsi_spatial::{Real, Wrench};
 
 /// The hinge that loses most digits.
@@ -31,7 +31,7 @@ pub struct ForwardInfo {
 /// Backward error and worst hinge of accelerations `a` that forward dynamics gave for (q, v, tau).
 ///
 /// The sum of terms of component i is |τ_i| + |M_ii a_i| + |bias_i| + Σ_j |M_ij a_j|, from the mass matrix.
-/// Cost O(n · depth). The accelerations may come from any form: where the plain one fails, its hinge is named.
+/// With flexible bodies no hinge is named. Cost O(n · depth); O(nv · n) with flexible bodies. The accelerations may come from any form: where the plain one fails, its hinge is named.
 ///
 /// # Errors
 /// As [`super::ForwardDynamics::run`], but for hinges without a positive D.
@@ -43,6 +43,9 @@ pub fn forward_info<T: Real>(
     wrenches: Option<&[Wrench<T>]>,
     a: &[T],
 ) -> Result<ForwardInfo, DynamicsError> {
+    if layout.is_flexible() {
+        return flexible_info(layout, q, v, tau, wrenches, a);
+    }
     let sweep = match crate::ArticulatedSweep::new(layout, q) {
         Ok(sweep) => Ok(sweep),
         Err(DynamicsError::SingularHinge { joint, component, .. }) => {
@@ -95,4 +98,28 @@ pub fn forward_info<T: Real>(
         })),
         backward_error: (0..layout.nv()).map(relative).fold(0.0, f64::max),
     })
+}
+
+/// The same with the mass matrix as a whole, for models whose sweeps have modes besides hinges.
+fn flexible_info<T: Real>(
+    layout: &Layout<T>,
+    q: &[T],
+    v: &[T],
+    tau: &[T],
+    wrenches: Option<&[Wrench<T>]>,
+    a: &[T],
+) -> Result<ForwardInfo, DynamicsError> {
+    let back = inverse_dynamics(layout, q, v, a, wrenches)?;
+    let bias = inverse_dynamics(layout, q, v, &vec![T::zero(); layout.nv()], wrenches)?;
+    let M = mass_matrix(layout, q)?;
+    let mut backward_error = 0.0f64;
+    for (i, row) in M.chunks_exact(layout.nv().max(1)).enumerate() {
+        let inertial = row.iter().zip(a).fold(T::zero(), |sum, (m, a)| sum + (*m * *a).abs());
+        let residual = (back[i] - tau[i]).abs().to_f64();
+        if residual != 0.0 {
+            backward_error =
+                backward_error.max(residual / (tau[i].abs() + bias[i].abs() + inertial).to_f64());
+        }
+    }
+    Ok(ForwardInfo { worst_hinge: None, backward_error })
 }
