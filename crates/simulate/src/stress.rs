@@ -2,12 +2,12 @@
 //!
 //! | part | what |
 //! |---|---|
-//! | [`chain`] | serial chains by their masses, lengths and axes |
-//! | [`ratios`], [`places`], [`bodies`] | scenes of single calls of forward dynamics: unequal masses and lengths; long, far, small, fast; nearly massless, needle-like, singular |
-//! | [`loops`] | closures near singular positions, redundant, contradictory, far and unequal |
-//! | [`motions`] | runs: stiff springs and dampers, fast spins, separatrices, long spans |
-//! | [`tree`], [`sensitivity`] | errors of a call, and what rounding of its inputs explains |
-//! | [`page`] | the table for people, for programs and for the documentation |
+//! | `chain` | serial chains by their masses, lengths and axes |
+//! | `ratios`, `places`, `bodies` | scenes of single calls of forward dynamics: unequal masses and lengths; long, far, small, fast; nearly massless, needle-like, singular |
+//! | `loops` | closures near singular positions, redundant, contradictory, far and unequal |
+//! | `motions` | runs: stiff springs and dampers, fast spins, separatrices, long spans |
+//! | `tree`, `sensitivity` | errors of a call, and what rounding of its inputs explains |
+//! | `page` | the table for people, for programs and for the documentation |
 //!
 //! | number | what it is |
 //! |---|---|
