@@ -72,7 +72,7 @@ METHODS = {
     "wrenches": lambda m, q, v, x: m.forward_dynamics(q, v, x, wrenches={"FL_LOWER_LEG": x[..., :6]}),
     "diagonal_velocity": lambda m, q, v, x: m.diagonal_velocity(q, v),
     "joint_velocity": lambda m, q, v, x: m.joint_velocity(q, v),
-    "diagonal_dynamics": lambda m, q, v, x: m.diagonal_dynamics(q, v, x),
+    "diagonal_dynamics": lambda m, q, v, x: m.diagonal_dynamics(q, v, x)[0],
     "diagonal_coriolis": lambda m, q, v, x: m.diagonal_coriolis(q, v),
     "info": lambda m, q, v, x: m.forward_dynamics(q, v, x, info=True)[1].backward_error,
 }
