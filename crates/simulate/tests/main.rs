@@ -2,6 +2,7 @@
 
 mod benchmarks;
 mod elements;
+mod estimate;
 mod events;
 mod loops;
 mod molecule;
