@@ -8,7 +8,7 @@
 //! | `flexible` | the class `FlexibleBody`, and methods of the class `Model` about modes |
 //! | `closure`, `closure_projection` | methods of the class `Model` about loops; the class `ClosureProjection` |
 //! | `molecule`, `source` | the class `System`: energies and forces of molecules |
-//! | `torsion_model`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
+//! | `torsion_model`, `torsion_positions`, `torsion_minimum`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
 //! | `engine` | the forces of a torsion model: its System's, or a function in Python |
 //! | `simulate`, `trajectory`, `simulator` | motion |
 //! | `errors`, `report`, `pickle` | exceptions with fields, reports of readers, results in other processes |
@@ -35,7 +35,9 @@ mod report;
 mod simulate;
 mod simulator;
 mod source;
+mod torsion_minimum;
 mod torsion_model;
+mod torsion_positions;
 mod torsion_run;
 mod trajectory;
 mod velocities;
@@ -58,7 +60,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<flexible::FlexibleBody>()?;
     m.add_class::<molecule::System>()?;
     m.add_class::<torsion_model::TorsionModel>()?;
-    m.add_class::<torsion_model::Minimum>()?;
+    m.add_class::<torsion_minimum::Minimum>()?;
     m.add_class::<torsion_run::Run>()?;
     m.add_class::<report::Report>()?;
     m.add_class::<report::Note>()?;

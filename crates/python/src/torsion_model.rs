@@ -1,30 +1,25 @@
 //! The class `TorsionModel`: rigid clusters and torsions of a `System`, with a state that is minimised and run.
 
-use crate::batch::{Batch, array};
+use crate::batch::array;
 use crate::clustering::{clustering, molecule_error, report};
 use crate::engine::{Callback, Engine, TERM};
 use crate::errors::{Field, argument_error, dynamics_error, exception, potential_error};
-use crate::model::{Model, Names};
+use crate::model::Model;
 use crate::molecule::{Loaded, System, TOTAL, rows, vectors};
 use crate::simulator::check_single;
 use numpy::PyArrayDyn;
 use phipsi::molecule::torsion_model::TorsionModel as Torsion;
 use phipsi::molecule::{
-    Bath, Clusters, Deviates, Ensemble, MinimizeOptions, MolecularError, MolecularForces, draw_momenta,
-    minimize, satisfied_constraints, strain,
+    Bath, Clusters, Deviates, Ensemble, MolecularError, MolecularForces, draw_momenta, satisfied_constraints,
 };
 use phipsi::motion::{Midpoint, MidpointError};
 use phipsi::recursion::articulated_sweep::SolveWorkspace;
 use phipsi::spatial::Vec3;
-use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-
-/// Positions that no configuration comes nearer than this (nm) are of other clusters; decimals of files are below.
-const OFF: f64 = 1e-3;
 
 /// What moves.
 pub struct Moving {
@@ -89,7 +84,7 @@ pub struct TorsionModel {
     pub(crate) loaded: Arc<Loaded>,
     pub(crate) torsion: Arc<Torsion>,
     system: Py<System>,
-    model: Py<Model>,
+    pub model: Py<Model>,
     /// In a box: what it holds may be aligned, and Python's objects are not.
     moving: Box<Mutex<Moving>>,
     callback: Callback,
@@ -175,7 +170,7 @@ impl TorsionModel {
         ];
         exception(py, "NumericalError", &error.to_string(), fields)
     }
-    fn place(&self, py: Python<'_>, q: &[f64], v: &[f64], has_velocities: bool) -> PyResult<()> {
+    pub fn place(&self, py: Python<'_>, q: &[f64], v: &[f64], has_velocities: bool) -> PyResult<()> {
         let placed = py.detach(|| {
             let mut moving = self.lock();
             let Moving { forces, method, .. } = &mut *moving;
@@ -389,12 +384,6 @@ impl TorsionModel {
         });
         set.map_err(|e: phipsi::recursion::DynamicsError| dynamics_error(py, &e, None))
     }
-    /// What is wrong with the present positions: text where an atom feels more than 1e5 kJ/mol/nm, otherwise None.
-    #[getter]
-    fn strain(&self, py: Python<'_>) -> PyResult<Option<String>> {
-        let _busy = self.claim(py)?;
-        self.present_strain(py)
-    }
     /// Draws velocities from the Maxwell–Boltzmann distribution of the clusters.
     ///
     /// ``temperature_K``: at least 0. ``seed``: the same one gives the same velocities.
@@ -444,141 +433,12 @@ impl TorsionModel {
             }
         }
     }
-    /// Positions of the atoms at configurations.
-    ///
-    /// ``q``: (…, nq). Returns (…, n_atoms, 3), nm.
-    ///
-    /// Raises ArgumentError; NumericalError for numbers that are not finite.
-    ///
-    /// Example
-    /// -------
-    /// >>> s = phipsi.molecule.System.from_files("ala_dipeptide.pdb", "ala_dipeptide.xml")
-    /// >>> t = phipsi.molecule.TorsionModel(s)
-    /// >>> q = t.model.neutral()
-    /// >>> q[t.model.joint_q_offset("ALA2:N-CA")] = np.pi
-    /// >>> t.atom_positions(q).shape, bool(np.allclose(t.atom_positions(t.model.neutral()), s.positions))
-    /// ((22, 3), True)
-    fn atom_positions<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        let compiled = self.model.get().compiled();
-        let mut q = compiled.q(q, "q")?;
-        let (batch, n) = (Batch::of(py, [&mut q])?, self.torsion.atoms().len());
-        let workspace = || (self.torsion.poses(), vec![Vec3::zero(); n]);
-        let out = batch.each(py, 3 * n, workspace, |(poses, x), i, out| {
-            self.torsion.positions_into(q.at(i), poses, x)?;
-            out.chunks_exact_mut(3).zip(x).for_each(|(out, x)| out.copy_from_slice(&x.0));
-            Ok(())
-        });
-        compiled.result(py, &batch, out, Names::Other("position"), &[n, 3])
-    }
-    /// The configuration (nq,) of positions (n_atoms, 3) of the same rigid clusters, nm.
-    ///
-    /// Raises ArgumentError, also where an atom would be off by more than 0.001 nm.
-    ///
-    /// Example
-    /// -------
-    /// >>> s = phipsi.molecule.System.from_files("ala_dipeptide.pdb", "ala_dipeptide.xml")
-    /// >>> t = phipsi.molecule.TorsionModel(s)
-    /// >>> bool(np.allclose(t.coordinates(s.positions + [1, 2, 3])[:3], t.model.neutral()[:3] + [1, 2, 3]))
-    /// True
-    fn coordinates<'py>(
-        &self,
-        py: Python<'py>,
-        positions: &Bound<'py, PyAny>,
-    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let positions = self.loaded.positions(py, Some(positions), "positions")?;
-        check_single(py, &positions)?;
-        let q = self.configuration(py, positions.at(0))?;
-        let n = q.len();
-        array(py, q, vec![n])
-    }
-    /// Minimises the energy over torsions, and over positions and orientations of molecules, from the present state.
-    ///
-    /// The velocities are then forgotten: the next run draws them.
-    ///
-    /// Parameters
-    /// ----------
-    /// largest_force : of all generalized forces at the end, kJ/mol/rad and kJ/mol/nm.
-    /// evaluations : at most so many of the force field.
-    ///
-    /// Returns
-    /// -------
-    /// Minimum with energy, largest_force, joint, evaluations, converged, strain.
-    ///
-    /// Raises
-    /// ------
-    /// ArgumentError; NumericalError where the energy has no value.
-    ///
-    /// Example
-    /// -------
-    /// >>> s = phipsi.molecule.System.from_files("ala_dipeptide.pdb", "ala_dipeptide.xml")
-    /// >>> t = phipsi.molecule.TorsionModel(s)
-    /// >>> m = t.minimize()
-    /// >>> m.converged, bool(m.energy < s.energy()["total"])
-    /// (True, True)
-    #[pyo3(signature = (largest_force = 0.01, evaluations = 10000))]
-    fn minimize(&self, py: Python<'_>, largest_force: f64, evaluations: usize) -> PyResult<Minimum> {
-        let _busy = self.claim(py)?;
-        if !(largest_force >= 0.0 && largest_force.is_finite()) {
-            let message =
-                format!("`largest_force` is {largest_force}, but a finite number of at least 0 is required");
-            let (found, required) = (Field::Number(largest_force), "a finite number, at least 0".into());
-            return Err(argument_error(py, "largest_force", found, required, &message, None));
-        }
-        let options = MinimizeOptions { largest_force, evaluations, ..MinimizeOptions::default() };
-        let found = py.detach(|| {
-            let mut moving = self.lock();
-            let q = moving.method.state().q.clone();
-            minimize(&mut moving.forces, &q, &options)
-        });
-        let (minimum, strain) = found.map_err(|e| self.molecular_error(py, &e))?;
-        // A line search takes forces without a value for a step too far.
-        if let Some(raised) = self.raised() {
-            return Err(raised);
-        }
-        self.place(py, &minimum.q, &vec![0.0; self.torsion.model().nv()], false)?;
-        Ok(Minimum {
-            energy: minimum.energy,
-            largest_force: minimum.largest_force,
-            joint: minimum.joint,
-            evaluations: minimum.evaluations,
-            converged: minimum.converged,
-            strain: strain.map(|s| s.to_string()),
-        })
-    }
     fn __repr__(&self) -> String {
         let (n, clusters) = (self.torsion.atoms().len(), self.torsion.clusters().clusters.len());
         let freedom = self.torsion.degrees_of_freedom();
         format!(
             "<phipsi.molecule.TorsionModel: {n} atoms in {clusters} clusters, {freedom} degrees of freedom>"
         )
-    }
-}
-
-impl TorsionModel {
-    /// What is wrong with the present positions; the state has been claimed.
-    pub fn present_strain(&self, py: Python<'_>) -> PyResult<Option<String>> {
-        let found = py.detach(|| {
-            let mut moving = self.lock();
-            let q = moving.method.state().q.clone();
-            strain(&mut moving.forces, &q)
-        });
-        Ok(found.map_err(|e| self.molecular_error(py, &e))?.map(|s| s.to_string()))
-    }
-    /// The configuration of positions.
-    fn configuration(&self, py: Python<'_>, numbers: &[f64]) -> PyResult<Vec<f64>> {
-        let mut x = vec![Vec3::zero(); self.torsion.atoms().len()];
-        vectors(numbers, &mut x);
-        let (q, off) = self.torsion.coordinates(&x).map_err(|e| dynamics_error(py, &e, None))?;
-        if off <= OFF {
-            return Ok(q);
-        }
-        let message = format!(
-            "`positions` are not those of these rigid clusters: an atom would be off by {off:.2e} nm, and at most {OFF} nm \
-             are allowed; make a new TorsionModel(s, positions) to take over their bond lengths and angles"
-        );
-        let required = format!("at most {OFF} nm from a configuration of the clusters");
-        let remedy = Some("make a new TorsionModel(s, positions)");
-        Err(argument_error(py, "positions", Field::Number(off), required.into(), &message, remedy))
     }
 }
 
@@ -591,37 +451,4 @@ pub fn check_temperature(py: Python<'_>, kelvin: f64) -> PyResult<()> {
     let message = format!("`temperature_K` is {kelvin}, but a finite number of at least 0 is required");
     let required = "a finite number, at least 0".into();
     Err(argument_error(py, "temperature_K", Field::Number(kelvin), required, &message, None))
-}
-
-/// Where a minimisation ended.
-///
-/// ``energy``: kJ/mol. ``largest_force``: of all generalized forces, kJ/mol/rad or kJ/mol/nm, at ``joint``. ``evaluations``:
-/// of the force field. ``converged``: the force is as small as was asked for. ``strain``: what was wrong with the start, None
-/// unless an atom felt more than 1e5 kJ/mol/nm.
-#[pyclass(frozen, get_all, module = "phipsi.molecule")]
-pub struct Minimum {
-    /// Energy of the minimum, kJ/mol.
-    pub energy: f64,
-    /// Largest generalized force, kJ/mol/rad or kJ/mol/nm.
-    pub largest_force: f64,
-    /// The joint with that force.
-    pub joint: String,
-    /// Evaluations of the force field.
-    pub evaluations: usize,
-    /// The force is as small as was asked for.
-    pub converged: bool,
-    /// What was wrong with the start.
-    pub strain: Option<String>,
-}
-
-#[pymethods]
-impl Minimum {
-    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
-        let Minimum { energy, largest_force, evaluations, .. } = self;
-        let converged = self.converged.into_bound_py_any(py)?;
-        Ok(format!(
-            "Minimum(energy={energy:.6}, largest_force={largest_force:.1e}, evaluations={evaluations}, \
-             converged={converged})"
-        ))
-    }
 }
