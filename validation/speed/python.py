@@ -62,10 +62,10 @@ def _one_call(case: Case, ours: Phipsi, rounds: int) -> list[Figure]:
 
 
 def _batch(case: Case, ours: Phipsi, rounds: int) -> list[Figure]:
-    """CPU time of all threads, which other work on the machine disturbs less than wall time."""
+    """CPU time of all threads, which other work on the machine disturbs less than wall time; as many states in Rust."""
     repeat = -(-STATES // len(case.states))
     q, v, tau = (np.tile(np.array([s[i] for s in case.states]), (repeat, 1))[:STATES] for i in range(3))
-    side = Side(ours.timer, ours.model, "forward_dynamics_batch", ours.states)
+    side = Side(ours.timer, ours.model, "forward_dynamics_batch", f"random:{STATES}", STATES)
     try:
         repetitions = side.repetitions()
     except Unsupported:

@@ -80,6 +80,26 @@ def test_sensitivities_are_differences(model):
             assert np.abs(rates[name].dense() - wanted).max() <= 1e-7 * scale * m.nv, name
 
 
+def test_derivatives_are_those_of_the_kernels(model):
+    """Expressions of sections 4.5 against the kernels, which dual numbers check."""
+    m = model
+    q, v = m.random_state(4)
+    tau = np.linspace(-1.0, 1.0, m.nv)
+    ops = phipsi.operators(m, q)
+    pairs = [
+        *zip(ops.inverse_dynamics_derivatives(v, tau), m.inverse_dynamics_derivatives(q, v, tau), strict=True),
+        *zip(ops.forward_dynamics_derivatives(v, tau), m.forward_dynamics_derivatives(q, v, tau), strict=True),
+        *zip(ops.linearize(v, tau), m.linearize(q, v, tau), strict=True),
+    ]
+    condition = np.linalg.cond(m.mass_matrix(q)) if m.nv else 1.0
+    for ours, wanted in pairs:
+        close(ours.dense(), wanted, np.abs(wanted).max(initial=0.0), m.nv * condition)
+    gradient = m.log_determinant_gradient(q)
+    close(ops.log_determinant_gradient(), gradient, 1.0 + np.abs(gradient).max(initial=0.0), m.nv * condition)
+    with pytest.raises(phipsi.ArgumentError, match="one state"):
+        ops.linearize([v, v], tau)
+
+
 def test_mistakes_are_named(model):
     ops = phipsi.operators(model, model.neutral() if model.nv else [])
     with pytest.raises(phipsi.ArgumentError, match="do not fit"):

@@ -48,7 +48,7 @@ impl Argument {
         describe: Describe<'_>,
     ) -> PyResult<Self> {
         let (py, name) = (object.py(), name.into());
-        let (data, shape) = numbers(object, &name)?;
+        let (data, finite, shape) = numbers(object, &name)?;
         if shape.len() < core.len() || shape[shape.len() - core.len()..] != *core {
             let required = required_shape(core);
             let message =
@@ -56,9 +56,7 @@ impl Argument {
             return Err(argument_error(py, &name, Field::Tuple(shape), required.into(), &message, None));
         }
         let (batch, size) = (shape[..shape.len() - core.len()].to_vec(), core.iter().product());
-        if !all_finite(&data)
-            && let Some(i) = data.iter().position(|x| !x.is_finite())
-        {
+        if !finite && let Some(i) = data.iter().position(|x| !x.is_finite()) {
             let (state, at) = (unravel(i / size, &batch), describe(i % size));
             return Err(not_finite(
                 py,
@@ -243,6 +241,16 @@ pub fn array<'py>(
     if shape.len() == 1 { Ok(flat.to_dyn().clone()) } else { flat.reshape(shape) }
 }
 
+/// A copy, and true if all numbers are finite: each piece is looked at while it is in the cache.
+fn copied(x: &[f64]) -> (Vec<f64>, bool) {
+    let (mut copy, mut finite) = (Vec::with_capacity(x.len()), true);
+    for piece in x.chunks(1024) {
+        copy.extend_from_slice(piece);
+        finite &= all_finite(piece);
+    }
+    (copy, finite)
+}
+
 /// True if all numbers are finite; looks at many at a time.
 fn all_finite(x: &[f64]) -> bool {
     // 0 · x is zero or not a number.
@@ -255,15 +263,17 @@ fn all_finite(x: &[f64]) -> bool {
     rest && sums.iter().all(|sum| *sum == 0.0)
 }
 
-/// The numbers of an array-like and its shape.
-fn numbers(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Vec<f64>, Vec<usize>)> {
+/// A copy of the numbers of an array-like, whether all are finite, and its shape.
+fn numbers(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Vec<f64>, bool, Vec<usize>)> {
     let py = object.py();
-    // `to_vec` alone also takes Fortran order, in memory order.
+    // A slice alone also takes Fortran order, in memory order.
     if let Ok(array) = object.cast::<PyArrayDyn<f64>>()
         && array.is_c_contiguous()
-        && let Ok(data) = array.to_vec()
+        && let Ok(view) = array.try_readonly()
+        && let Ok(data) = view.as_slice()
     {
-        return Ok((data, array.shape().to_vec()));
+        let (data, finite) = copied(data);
+        return Ok((data, finite, array.shape().to_vec()));
     }
     let type_error = |found: String, cause: Option<PyErr>| {
         let message = format!("`{name}` holds {found}, but real numbers are required");
@@ -293,7 +303,9 @@ fn numbers(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Vec<f64>, Vec<usi
     keywords.set_item("order", "C")?;
     let converted = numpy.call_method("asarray", (any,), Some(&keywords))?;
     let converted = converted.cast::<PyArrayDyn<f64>>()?;
-    Ok((converted.to_vec()?, converted.shape().to_vec()))
+    let data = converted.to_vec()?;
+    let finite = all_finite(&data);
+    Ok((data, finite, converted.shape().to_vec()))
 }
 
 /// `NumericalError` of a number that is not finite.

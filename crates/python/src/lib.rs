@@ -29,6 +29,7 @@ mod jacobians;
 mod kinematics;
 mod model;
 mod molecule;
+mod operator_dynamics;
 mod operators;
 mod pickle;
 mod report;

@@ -37,7 +37,7 @@ pub struct Operator {
 }
 
 impl Operator {
-    fn new(py: Python<'_>, expression: Expression) -> PyResult<Self> {
+    pub fn new(py: Python<'_>, expression: Expression) -> PyResult<Self> {
         expression.check().map_err(|e| operator_error(py, &e))?;
         Ok(Operator { expression })
     }
@@ -171,7 +171,8 @@ impl Operator {
 pub struct Operators {
     /// The operators.
     pub ops: phipsi::recursion::Operators<f64>,
-    model: Py<Model>,
+    /// The model that they belong to.
+    pub model: Py<Model>,
     bodies: Vec<String>,
 }
 

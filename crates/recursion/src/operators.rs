@@ -29,11 +29,14 @@ use std::sync::Arc;
 
 mod derivatives;
 mod estimation;
+mod linearize;
+mod log_determinant_gradient;
 mod sensitivity;
 mod vertical_sweeps;
 
 pub use derivatives::DynamicsDerivatives;
 pub use estimation::{FieldSample, Filtered, RandomField, Smoothed};
+pub use linearize::LinearizedDynamics;
 pub use sensitivity::Sensitivity;
 
 /// The spatial operators of a model at a configuration, named as in the papers.

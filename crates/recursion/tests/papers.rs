@@ -5,6 +5,7 @@
 pub mod closed;
 pub mod covariance_table;
 pub mod covariances;
+pub mod dynamics_derivatives;
 pub mod factors;
 pub mod filter;
 pub mod inverse;
@@ -44,6 +45,7 @@ fn rows() -> Vec<Row> {
         operators::rows(),
         factors::rows(),
         sensitivities::rows(),
+        dynamics_derivatives::rows(),
         closed::rows(),
     ]
     .into_iter()

@@ -31,6 +31,7 @@
 //! ```
 
 mod band;
+mod blocks;
 mod composite;
 mod error;
 mod inverse;
@@ -96,7 +97,7 @@ impl<T: Real> Operator<T> {
         for (k, block) in blocks.iter().enumerate() {
             check_block(name, k, (rows.size(k), columns.size(k)), block)?;
         }
-        Ok(Self::leaf(name, rows, columns, Leaf::Diagonal(blocks)))
+        Ok(Self::leaf(name, rows, columns, Leaf::Diagonal(blocks.into_iter().collect())))
     }
     /// One block an edge, given by its child: E(p, k) has the rows of the parent p and the columns of k. A root's is ignored.
     ///
@@ -118,6 +119,7 @@ impl<T: Real> Operator<T> {
                 None => *block = DMatrix::from_element(0, 0, T::zero()),
             }
         }
+        let blocks = blocks.into_iter().collect();
         Ok(Self::leaf(name, rows, columns, Leaf::Edges(Edges { tree: tree.clone(), blocks })))
     }
     /// (I − E)⁻¹ of an operator that is edges, or a product or sum that gives edges.
@@ -151,6 +153,7 @@ impl<T: Real> Operator<T> {
             check_block(name, j, (rows.size(k), block.ncols()), block)?;
         }
         let columns = Space::new(blocks.iter().map(DMatrix::ncols));
+        let blocks = blocks.into_iter().collect();
         Ok(Self::leaf(name, rows, &columns, Leaf::PickOff { nodes, blocks }))
     }
 
@@ -288,8 +291,10 @@ impl<T: Real> Operator<T> {
         }
         if let Node::Leaf { leaf, adjoint: false, .. } = &self.node {
             match &**leaf {
-                Leaf::Diagonal(blocks) if i == j => return Ok(blocks[i].clone()),
-                Leaf::Edges(edges) if edges.tree.parent(j) == Some(i) => return Ok(edges.blocks[j].clone()),
+                Leaf::Diagonal(blocks) if i == j => return Ok(blocks.get(i).into_owned()),
+                Leaf::Edges(edges) if edges.tree.parent(j) == Some(i) => {
+                    return Ok(edges.blocks.get(j).into_owned());
+                }
                 _ => {}
             }
         }
@@ -312,7 +317,7 @@ impl<T: Real> Operator<T> {
     pub fn diagonal_blocks(&self) -> Result<Vec<DMatrix<T>>, OperatorError> {
         self.check()?;
         let not = || OperatorError::NotDiagonal { expression: self.to_string() };
-        band::Band::of(self).and_then(band::Band::into_diagonal).ok_or_else(not)
+        band::Band::of(self).and_then(band::Band::into_diagonal).map(|b| b.to_matrices()).ok_or_else(not)
     }
     /// The blocks, by child, of an operator that is one block an edge, or a product or sum that gives one; empty at roots.
     /// Cost O(n).
@@ -322,7 +327,10 @@ impl<T: Real> Operator<T> {
     pub fn edge_blocks(&self) -> Result<Vec<DMatrix<T>>, OperatorError> {
         self.check()?;
         let not = || OperatorError::NotEdges { expression: self.to_string() };
-        band::Band::of(self).and_then(band::Band::into_edges).map(|edges| edges.blocks).ok_or_else(not)
+        band::Band::of(self)
+            .and_then(band::Band::into_edges)
+            .map(|edges| edges.blocks.to_matrices())
+            .ok_or_else(not)
     }
     /// The factors, of which a single operator is one.
     fn factors(&self) -> &[Self] {

@@ -46,7 +46,7 @@ fn of_mass<T: Real>(s: &Scene<T>) -> Equations<T> {
         .of(s.mass_matrix_inverse())
 }
 
-/// ∂ ln det 𝓜 = 2 tr(Υ Ė_φ P⁺ E_φ*) where the joint's axes are fixed in the body, and tr(D⁻¹ Ḋ) everywhere.
+/// ∂ ln det 𝓜 = tr(D⁻¹ Ḋ), all of them in one sweep, and 2 tr(Υ Ė_φ P⁺ E_φ*) where the joint's axes are fixed in the body.
 fn of_log_determinant<T: Real>(s: &Scene<T>) -> Equations<T> {
     let i = coordinate(s);
     let trace = |a: &DMatrix<T>| (0..a.nrows()).fold(T::zero(), |sum, k| sum + a[(k, k)]);
@@ -57,7 +57,9 @@ fn of_log_determinant<T: Real>(s: &Scene<T>) -> Equations<T> {
     let pivots = mul!(s.D_inverse, rates.D).dense().unwrap();
     // Every degree of freedom has a term of the size of 𝓜⁻¹ 𝓜.
     let terms = DMatrix::from_element(1, 1, T::splat(s.nv() as f64));
-    let out = eq(trace(&pivots), want).of(terms.clone());
+    let all = phipsi_reference::log_determinant_gradient(&s.case.model, &s.q).unwrap();
+    let out =
+        eq(trace(&pivots), want).of(terms.clone()).and(s.log_determinant_gradient(), all).of(terms.clone());
     let (joint, _) = s.case.model.joint_of_velocity(i);
     if matches!(s.case.model.joints()[joint].kind, JointKind::Universal { .. }) {
         return out;
@@ -188,9 +190,9 @@ pub fn rows() -> Vec<Row> {
         ),
         row!(
             "2 §4.5, ln det",
-            "∂ ln det 𝓜 = tr(D⁻¹ Ḋ) = 2 tr(Υ Ė_φ P⁺ E_φ*)",
+            "∂ ln det 𝓜 = tr(D⁻¹ Ḋ) = 2 tr(Υ Ė_φ P⁺ E_φ*), of a universal joint and 2 tr(Ḣ (I − P⁺ Y⁺) G)",
             "",
-            "`Sensitivity::D`, `E_phi`",
+            "`Sensitivity::D`, `E_phi`, `Operators::log_determinant_gradient`",
             Trees,
             |s| of_log_determinant(s)
         ),

@@ -218,11 +218,13 @@ pub(crate) fn integrator(
         atol: atol.or(rtol).unwrap_or(DEFAULT_TOLERANCE),
         max_step,
     };
-    for (key, value) in [("rtol", rtol), ("atol", atol)] {
-        if value.is_some_and(|x| !(1e-14..=0.1).contains(&x)) {
+    // Of numbers of size 1e-6 that matter to 1e-14, 1e-20 may be asked for; relative ones end at rounding.
+    for (key, value, least) in [("rtol", rtol, 1e-14), ("atol", atol, 1e-30)] {
+        if value.is_some_and(|x| !(least..=0.1).contains(&x)) {
             let node = table.get(key);
             let found = format!("{key} = {:e}", value.unwrap_or_default());
-            table.error(node, report, found, "a tolerance from 1e-14 to 0.1", "choose one in this range");
+            let required = format!("a tolerance from {least:e} to 0.1");
+            table.error(node, report, found, required, "choose one in this range");
         }
     }
     let ensemble = if molecule { ensemble(&mut table, step, report) } else { Ensemble::ConstantEnergy };

@@ -3,15 +3,16 @@
 //! Products and sums of diagonals and edges give such operators as long as no two edges follow each other. Inverses rest on
 //! them: I − E_φ + K H is the inverse of ψ because K H is one block an edge again.
 
+use super::blocks::Blocks;
 use super::leaf::{Edges, Leaf};
 use super::{Node, Operator};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DMatrixView};
 use phipsi_spatial::Real;
 
 /// Δ + E.
 #[derive(Clone, Debug)]
 pub(super) struct Band<T> {
-    pub(super) diagonal: Option<Vec<DMatrix<T>>>,
+    pub(super) diagonal: Option<Blocks<T>>,
     pub(super) edges: Option<Edges<T>>,
 }
 
@@ -27,7 +28,7 @@ impl<T: Real> Band<T> {
                 }
                 (Leaf::Diagonal(blocks), false) => Some(Band { diagonal: Some(blocks.clone()), edges: None }),
                 (Leaf::Diagonal(blocks), true) => {
-                    let blocks = blocks.iter().map(DMatrix::transpose).collect();
+                    let blocks = blocks.iter().map(|block| block.transpose()).collect();
                     Some(Band { diagonal: Some(blocks), edges: None })
                 }
                 (Leaf::Edges(edges), false) => Some(Band { diagonal: None, edges: Some(edges.clone()) }),
@@ -50,19 +51,19 @@ impl<T: Real> Band<T> {
         if self.diagonal.is_some() { None } else { self.edges }
     }
     /// Its diagonal, if it is nothing else.
-    pub(super) fn into_diagonal(self) -> Option<Vec<DMatrix<T>>> {
+    pub(super) fn into_diagonal(self) -> Option<Blocks<T>> {
         if self.edges.is_some() { None } else { self.diagonal }
     }
 
-    fn map(self, f: impl Fn(&DMatrix<T>) -> DMatrix<T>) -> Self {
-        let all = |blocks: &[DMatrix<T>]| blocks.iter().map(&f).collect();
+    fn map(self, f: impl Fn(DMatrixView<'_, T>) -> DMatrix<T>) -> Self {
+        let all = |blocks: &Blocks<T>| blocks.iter().map(&f).collect();
         Band {
             diagonal: self.diagonal.map(|blocks| all(&blocks)),
             edges: self.edges.map(|e| Edges { blocks: all(&e.blocks), tree: e.tree }),
         }
     }
     fn plus(self, other: Self) -> Option<Self> {
-        let sum = |a: &[DMatrix<T>], b: &[DMatrix<T>]| a.iter().zip(b).map(|(a, b)| a + b).collect();
+        let sum = |a: &Blocks<T>, b: &Blocks<T>| a.iter().zip(b.iter()).map(|(a, b)| a + b).collect();
         let diagonal = match (self.diagonal, other.diagonal) {
             (Some(a), Some(b)) => Some(sum(&a, &b)),
             (a, b) => a.or(b),
@@ -81,23 +82,23 @@ impl<T: Real> Band<T> {
         if self.edges.is_some() && right.edges.is_some() {
             return None;
         }
-        let product = |a: &[DMatrix<T>], b: &[DMatrix<T>]| a.iter().zip(b).map(|(a, b)| a * b).collect();
+        let product = |a: &Blocks<T>, b: &Blocks<T>| a.iter().zip(b.iter()).map(|(a, b)| a * b).collect();
         let diagonal = match (&self.diagonal, &right.diagonal) {
             (Some(a), Some(b)) => Some(product(a, b)),
             _ => None,
         };
         let edges = match (&self, right) {
             (Band { edges: Some(e), .. }, Band { diagonal: Some(d), .. }) => {
-                let block = |(k, d): (usize, &DMatrix<T>)| match e.tree.parent(k) {
-                    Some(_) => &e.blocks[k] * d,
-                    None => e.blocks[k].clone(),
+                let block = |(k, d): (usize, DMatrixView<'_, T>)| match e.tree.parent(k) {
+                    Some(_) => e.blocks.get(k) * d,
+                    None => e.blocks.get(k).into_owned(),
                 };
                 Some(Edges { blocks: d.iter().enumerate().map(block).collect(), tree: e.tree.clone() })
             }
             (Band { diagonal: Some(d), .. }, Band { edges: Some(e), .. }) => {
-                let block = |(k, e_block): (usize, &DMatrix<T>)| match e.tree.parent(k) {
-                    Some(p) => &d[p] * e_block,
-                    None => e_block.clone(),
+                let block = |(k, e_block): (usize, DMatrixView<'_, T>)| match e.tree.parent(k) {
+                    Some(p) => d.get(p) * e_block,
+                    None => e_block.into_owned(),
                 };
                 Some(Edges { blocks: e.blocks.iter().enumerate().map(block).collect(), tree: e.tree.clone() })
             }

@@ -9,9 +9,11 @@
 //! on trees and the whole of it on chains only.
 
 use super::band::Band;
+use super::blocks::Blocks;
 use super::leaf::Leaf;
 use super::{Operator, OperatorError};
 use phipsi_spatial::Real;
+use std::ops::AddAssign;
 
 impl<T: Real> Operator<T> {
     /// The block diagonal R with R = E R E* + M. `edges`: E, one block an edge; `source`: M, one block a node. Cost O(n).
@@ -22,9 +24,9 @@ impl<T: Real> Operator<T> {
         let (edges, mut blocks, space) = parts(edges, source)?;
         for k in (0..blocks.len()).rev() {
             if let Some(p) = edges.tree.parent(k) {
-                let e = &edges.blocks[k];
-                let moved = e * &blocks[k] * e.transpose();
-                blocks[p] += moved;
+                let e = edges.blocks.get(k);
+                let moved = e * blocks.get(k) * e.transpose();
+                blocks.get_mut(p).add_assign(&moved);
             }
         }
         Ok(Self::leaf(name, &space, &space, Leaf::Diagonal(blocks)))
@@ -38,16 +40,16 @@ impl<T: Real> Operator<T> {
         let (edges, mut blocks, space) = parts(edges, source)?;
         for k in 0..blocks.len() {
             if let Some(p) = edges.tree.parent(k) {
-                let e = &edges.blocks[k];
-                let moved = e.transpose() * &blocks[p] * e;
-                blocks[k] += moved;
+                let e = edges.blocks.get(k);
+                let moved = e.transpose() * blocks.get(p) * e;
+                blocks.get_mut(k).add_assign(&moved);
             }
         }
         Ok(Self::leaf(name, &space, &space, Leaf::Diagonal(blocks)))
     }
 }
 
-type Parts<T> = (super::leaf::Edges<T>, Vec<nalgebra::DMatrix<T>>, super::Space);
+type Parts<T> = (super::leaf::Edges<T>, Blocks<T>, super::Space);
 
 fn parts<T: Real>(edges: &Operator<T>, source: &Operator<T>) -> Result<Parts<T>, OperatorError> {
     (&(edges * source) * &edges.adjoint()).check()?;

@@ -12,9 +12,10 @@
 //! With U = H and V = K the third is (I + H φ K)⁻¹ = I − H ψ K: ψ comes out by itself.
 
 use super::band::Band;
+use super::blocks::Blocks;
 use super::leaf::{Edges, Leaf};
 use super::{Node, Operator, OperatorError};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DMatrixView};
 use phipsi_spatial::Real;
 
 impl<T: Real> Operator<T> {
@@ -90,14 +91,14 @@ impl<T: Real> Operator<T> {
         };
         let inverse = self.inverse_blocks(&diagonal)?;
         let resolvent = band.edges.map(|edges| {
-            let block = |(k, e): (usize, &DMatrix<T>)| match edges.tree.parent(k) {
-                Some(p) => -(&inverse[p] * e),
-                None => e.clone(),
+            let block = |(k, e): (usize, DMatrixView<'_, T>)| match edges.tree.parent(k) {
+                Some(p) => -(inverse.get(p) * e),
+                None => e.into_owned(),
             };
             let blocks = edges.blocks.iter().enumerate().map(block).collect();
             self.unnamed("(I − E)⁻¹", Leaf::Resolvent(Edges { blocks, tree: edges.tree.clone() }))
         });
-        let is_one = diagonal.iter().all(|d| *d == DMatrix::identity(d.nrows(), d.ncols()));
+        let is_one = diagonal.iter().all(|d| d == DMatrix::identity(d.nrows(), d.ncols()));
         Ok(match (resolvent, is_one) {
             (Some(resolvent), true) => resolvent,
             (Some(resolvent), false) => resolvent * self.unnamed("Δ⁻¹", Leaf::Diagonal(inverse)),
@@ -109,8 +110,8 @@ impl<T: Real> Operator<T> {
     }
 
     /// Blocks inverted one by one.
-    pub(super) fn inverse_blocks(&self, blocks: &[DMatrix<T>]) -> Result<Vec<DMatrix<T>>, OperatorError> {
-        let one = |(node, block): (usize, &DMatrix<T>)| {
+    pub(super) fn inverse_blocks(&self, blocks: &Blocks<T>) -> Result<Blocks<T>, OperatorError> {
+        let one = |(node, block): (usize, DMatrixView<'_, T>)| {
             inverse_of_block(block).map_err(|pivot| OperatorError::Singular {
                 expression: self.to_string(),
                 node,
@@ -170,9 +171,9 @@ impl<T: Real> Operator<T> {
 }
 
 /// Gauss–Jordan elimination with row pivoting; the pivot where it stopped is the error.
-fn inverse_of_block<T: Real>(block: &DMatrix<T>) -> Result<DMatrix<T>, f64> {
+fn inverse_of_block<T: Real>(block: DMatrixView<'_, T>) -> Result<DMatrix<T>, f64> {
     let n = block.nrows();
-    let (mut a, mut inverse) = (block.clone(), DMatrix::identity(n, n));
+    let (mut a, mut inverse) = (block.into_owned(), DMatrix::identity(n, n));
     let scale = block.iter().fold(T::zero(), |m, x| m.larger(x.abs())).to_f64();
     for j in 0..n {
         let best = (j..n).max_by(|&i, &k| a[(i, j)].abs().to_f64().total_cmp(&a[(k, j)].abs().to_f64()));

@@ -8,8 +8,8 @@
 //! | pick-off | y(node j) = Σ A(j) x(j) | y(j) = A*(j) x(node j) |
 
 use super::Space;
+use super::blocks::Blocks;
 use crate::Tree;
-use nalgebra::DMatrix;
 use phipsi_spatial::Real;
 use std::sync::Arc;
 
@@ -18,37 +18,35 @@ use std::sync::Arc;
 pub(crate) struct Edges<T> {
     pub(crate) tree: Arc<Tree>,
     /// By child; empty at roots.
-    pub(crate) blocks: Vec<DMatrix<T>>,
+    pub(crate) blocks: Blocks<T>,
 }
 
 /// An operator that holds numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Leaf<T> {
     Identity,
-    Diagonal(Vec<DMatrix<T>>),
+    Diagonal(Blocks<T>),
     Edges(Edges<T>),
     Resolvent(Edges<T>),
     /// Column block j stands in the rows of node `nodes[j]`.
     PickOff {
         nodes: Vec<usize>,
-        blocks: Vec<DMatrix<T>>,
+        blocks: Blocks<T>,
     },
 }
 
-/// y += A x.
-fn multiply_add<T: Real>(a: &DMatrix<T>, x: &[T], y: &mut [T]) {
-    let rows = a.nrows().max(1);
-    for (column, &x) in a.as_slice().chunks_exact(rows).zip(x) {
+/// y += A x; A: its rows, at least one, and its numbers.
+fn multiply_add<T: Real>((rows, a): (usize, &[T]), x: &[T], y: &mut [T]) {
+    for (column, &x) in a.chunks_exact(rows).zip(x) {
         for (y, &a) in y.iter_mut().zip(column) {
             *y += a * x;
         }
     }
 }
 
-/// y += A* x.
-fn transpose_multiply_add<T: Real>(a: &DMatrix<T>, x: &[T], y: &mut [T]) {
-    let rows = a.nrows().max(1);
-    for (column, y) in a.as_slice().chunks_exact(rows).zip(y) {
+/// y += A* x; A: its rows, at least one, and its numbers.
+fn transpose_multiply_add<T: Real>((rows, a): (usize, &[T]), x: &[T], y: &mut [T]) {
+    for (column, y) in a.chunks_exact(rows).zip(y) {
         *y = column.iter().zip(x).fold(*y, |sum, (&a, &x)| sum + a * x);
     }
 }
@@ -74,19 +72,22 @@ impl<T: Real> Leaf<T> {
         match self {
             Leaf::Identity => {}
             Leaf::Diagonal(blocks) => {
-                for (k, a) in blocks.iter().enumerate() {
+                for k in 0..blocks.len() {
+                    let a = blocks.columns(k);
                     multiply_add(a, &x[columns.range(k)], &mut y[rows.range(k)]);
                 }
             }
             Leaf::Edges(edges) => {
-                for (k, a) in edges.blocks.iter().enumerate() {
+                for k in 0..edges.blocks.len() {
+                    let a = edges.blocks.columns(k);
                     if let Some(p) = edges.tree.parent(k) {
                         multiply_add(a, &x[columns.range(k)], &mut y[rows.range(p)]);
                     }
                 }
             }
             Leaf::Resolvent(edges) => {
-                for (k, a) in edges.blocks.iter().enumerate().rev() {
+                for k in (0..edges.blocks.len()).rev() {
+                    let a = edges.blocks.columns(k);
                     if let Some(p) = edges.tree.parent(k) {
                         let (child, parent) = from_to(&mut y, rows.range(k), rows.range(p));
                         multiply_add(a, child, parent);
@@ -94,7 +95,8 @@ impl<T: Real> Leaf<T> {
                 }
             }
             Leaf::PickOff { nodes, blocks } => {
-                for (j, (a, &k)) in blocks.iter().zip(nodes).enumerate() {
+                for (j, &k) in nodes.iter().enumerate() {
+                    let a = blocks.columns(j);
                     multiply_add(a, &x[columns.range(j)], &mut y[rows.range(k)]);
                 }
             }
@@ -111,19 +113,22 @@ impl<T: Real> Leaf<T> {
         match self {
             Leaf::Identity => {}
             Leaf::Diagonal(blocks) => {
-                for (k, a) in blocks.iter().enumerate() {
+                for k in 0..blocks.len() {
+                    let a = blocks.columns(k);
                     transpose_multiply_add(a, &x[rows.range(k)], &mut y[columns.range(k)]);
                 }
             }
             Leaf::Edges(edges) => {
-                for (k, a) in edges.blocks.iter().enumerate() {
+                for k in 0..edges.blocks.len() {
+                    let a = edges.blocks.columns(k);
                     if let Some(p) = edges.tree.parent(k) {
                         transpose_multiply_add(a, &x[rows.range(p)], &mut y[columns.range(k)]);
                     }
                 }
             }
             Leaf::Resolvent(edges) => {
-                for (k, a) in edges.blocks.iter().enumerate() {
+                for k in 0..edges.blocks.len() {
+                    let a = edges.blocks.columns(k);
                     if let Some(p) = edges.tree.parent(k) {
                         let (parent, child) = from_to(&mut y, rows.range(p), rows.range(k));
                         transpose_multiply_add(a, parent, child);
@@ -131,7 +136,8 @@ impl<T: Real> Leaf<T> {
                 }
             }
             Leaf::PickOff { nodes, blocks } => {
-                for (j, (a, &k)) in blocks.iter().zip(nodes).enumerate() {
+                for (j, &k) in nodes.iter().enumerate() {
+                    let a = blocks.columns(j);
                     transpose_multiply_add(a, &x[rows.range(k)], &mut y[columns.range(j)]);
                 }
             }
@@ -141,7 +147,7 @@ impl<T: Real> Leaf<T> {
 
     /// Multiplications and additions of one application.
     pub(crate) fn cost(&self) -> u64 {
-        let of = |blocks: &[DMatrix<T>]| blocks.iter().map(|a| 2 * (a.nrows() * a.ncols()) as u64).sum();
+        let of = |blocks: &Blocks<T>| 2 * blocks.numbers() as u64;
         match self {
             Leaf::Identity => 0,
             Leaf::Diagonal(blocks) | Leaf::PickOff { blocks, .. } => of(blocks),

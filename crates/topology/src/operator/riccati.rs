@@ -10,10 +10,12 @@
 //! | ψ | (I − E τ̄)⁻¹ | paper 2 (2.5) |
 
 use super::band::Band;
+use super::blocks::Blocks;
 use super::leaf::{Edges, Leaf};
 use super::{Node, Operator, OperatorError};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DMatrixView};
 use phipsi_spatial::Real;
+use std::ops::AddAssign;
 
 /// H φ M φ* H* = (I + H φ K) D (I + H φ K)*, and what the factors are made of.
 #[derive(Clone, Debug)]
@@ -68,11 +70,21 @@ impl<T: Real> Innovations<T> {
         let edges = edges_of(phi).ok_or_else(|| OperatorError::NotEdges { expression: phi.to_string() })?;
         let n = H.len();
         let mut P = M;
-        let (mut D, mut D_inverse, mut G, mut tau_bar) =
-            (Vec::with_capacity(n), Vec::with_capacity(n), Vec::with_capacity(n), Vec::with_capacity(n));
+        // Blocks in the order of the nodes, whatever the order of the sweep.
+        let empty = |shape: &dyn Fn(usize) -> (usize, usize)| {
+            let numbers = (0..n).map(|k| shape(k).0 * shape(k).1).sum();
+            let mut blocks = Blocks::with_capacity(n, numbers);
+            (0..n).map(shape).for_each(|(rows, columns)| blocks.push_empty(rows, columns));
+            blocks
+        };
+        let (state, joint) = (phi.rows(), hinge.rows());
+        let pivots = empty(&|k| (joint.size(k), joint.size(k)));
+        let (mut D, mut D_inverse) = (pivots.clone(), pivots);
+        let mut G = empty(&|k| (state.size(k), joint.size(k)));
+        let mut tau_bar = empty(&|k| (state.size(k), state.size(k)));
         for k in (0..n).rev() {
-            let column = &P[k] * H[k].transpose();
-            let pivot = symmetric(&(&H[k] * &column));
+            let column = P.get(k) * H.get(k).transpose();
+            let pivot = symmetric(&(H.get(k) * &column));
             let inverse = inverse_of_positive(&pivot).map_err(|pivot| OperatorError::Singular {
                 expression: expression.to_string(),
                 node: k,
@@ -80,22 +92,20 @@ impl<T: Real> Innovations<T> {
             })?;
             let gain = &column * &inverse;
             if let Some(p) = edges.tree.parent(k) {
-                let through = symmetric(&(&P[k] - &gain * column.transpose()));
-                P[p] += symmetric(&(&edges.blocks[k] * through * edges.blocks[k].transpose()));
+                let through = symmetric(&(P.get(k) - &gain * column.transpose()));
+                let e = edges.blocks.get(k);
+                let moved = symmetric(&(e * through * e.transpose()));
+                P.get_mut(p).add_assign(&moved);
             }
-            let size = P[k].nrows();
-            tau_bar.push(DMatrix::identity(size, size) - &gain * &H[k]);
-            D.push(pivot);
-            D_inverse.push(inverse);
-            G.push(gain);
+            let size = state.size(k);
+            tau_bar.get_mut(k).copy_from(&(DMatrix::identity(size, size) - &gain * H.get(k)));
+            D.get_mut(k).copy_from(&pivot);
+            D_inverse.get_mut(k).copy_from(&inverse);
+            G.get_mut(k).copy_from(&gain);
         }
-        for blocks in [&mut D, &mut D_inverse, &mut G, &mut tau_bar] {
-            blocks.reverse();
-        }
-        let (state, joint) = (phi.rows(), hinge.rows());
-        let shifted = |blocks: &[DMatrix<T>]| {
-            let block = |(k, block): (usize, &DMatrix<T>)| match edges.tree.parent(k) {
-                Some(_) => &edges.blocks[k] * block,
+        let shifted = |blocks: &Blocks<T>| {
+            let block = |(k, block): (usize, DMatrixView<'_, T>)| match edges.tree.parent(k) {
+                Some(_) => edges.blocks.get(k) * block,
                 None => DMatrix::from_element(0, 0, T::zero()),
             };
             Edges { tree: edges.tree.clone(), blocks: blocks.iter().enumerate().map(block).collect() }
