@@ -114,9 +114,9 @@ impl<T: Real> ClosedDynamics<T> {
         }
         (square, most)
     }
-    /// What rounding leaves open: 8 ε L per body of the longest path.
+    /// What rounding leaves open: ε L per body of the longest path. Elastic bodies turn what is left open into strain.
     fn closed(&self) -> f64 {
-        8.0 * T::EPSILON * self.length() * self.depth().max(1) as f64
+        T::EPSILON * self.length() * self.depth().max(1) as f64
     }
     fn not_closed(&self, iterations: usize) -> ClosureError {
         let of = |row: usize| self.structure.loops.iter().find(|l| l.rows.contains(&row));

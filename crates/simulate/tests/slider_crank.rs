@@ -31,7 +31,7 @@ fn differences(summary: &Summary, wanted: &[f64]) -> Vec<f64> {
 }
 
 fn tolerance(rtol: f64) -> Vec<String> {
-    vec![format!("integrator.rtol={rtol:e}"), format!("integrator.atol={:e}", (1e-4 * rtol).max(1e-14))]
+    vec![format!("integrator.rtol={rtol:e}"), format!("integrator.atol={:e}", 1e-4 * rtol)]
 }
 
 fn largest(x: &[f64]) -> f64 {
@@ -39,12 +39,12 @@ fn largest(x: &[f64]) -> f64 {
 }
 
 /// q1 to q4 at t = 0.1, of 2e-4 to 5e-6 m, against the published equations in double-double numbers. The projection after each step
-/// leaves the loop open by 8 ε L for each body of its path at most, 2e-15 m: 4e-10 of q3.
+/// leaves the loop open by ε L for each body of its path, 2e-16 m: 5e-11 of q3, and as much again is the rounding of the angles.
 #[test]
 fn the_flexible_slider_crank_reaches_its_published_end() {
     let wanted = known();
     println!("| `rtol` | evaluations | q1 | q2 | q3 | q4 |\n|---|---|---|---|---|---|");
-    for (rtol, budget) in [(1e-8, 1e-4), (1e-10, 1e-6), (1e-12, 1e-8), (1e-14, 5e-10)] {
+    for (rtol, budget) in [(1e-8, 1e-4), (1e-10, 1e-6), (1e-12, 1e-8), (1e-14, 1e-10)] {
         let summary = end(&tolerance(rtol));
         let [a, b, c, d] = <[f64; 4]>::try_from(differences(&summary, &wanted)).unwrap();
         println!("| {rtol:.0e} | {} | {a:.0e} | {b:.0e} | {c:.0e} | {d:.0e} |", summary.evaluations);
