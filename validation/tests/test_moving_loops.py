@@ -76,6 +76,11 @@ def closed_form(m: phipsi.Model, t: float) -> tuple[np.ndarray, np.ndarray]:
     return q, v
 
 
+def off(q: np.ndarray, want: np.ndarray) -> float:
+    """The largest difference of angles, whole turns apart."""
+    return float(np.abs((q - want + np.pi) % (2 * np.pi) - np.pi).max())
+
+
 #: Rounding of angles of about 3 rad through transmissions of up to 5, a few steps of it.
 EXACT = 1e-12
 
@@ -89,10 +94,10 @@ def test_a_driven_four_bar_moves_as_its_closed_form(motion: Any, method: dict[st
     assert len(r.t) == 101
     for t, q, v in zip(r.t, r.q, r.v):
         want_q, want_v = closed_form(m, t)
-        assert np.abs(q - want_q).max() < EXACT and np.abs(v - want_v).max() < 10 * EXACT, t
+        assert off(q, want_q) < EXACT and np.abs(v - want_v).max() < 10 * EXACT, t
     # The drive's work is all of the energy's change; rk4 integrates it with its own error, step⁴.
     assert np.abs(r.work).max() > 0.5
-    assert r.error.energy_error < (1e-9 if "rtol" in method else 1e-5)
+    assert r.error.energy_error < (1e-9 if "rtol" in method else 1e-7)
     assert r.error.closure_residual["position"] < 1e-13
 
 
@@ -107,7 +112,7 @@ def test_one_step_at_a_time() -> None:
             sim.step(0.01)
             t, q, v = sim.state
             want_q, want_v = closed_form(m, t)
-            assert np.abs(q - want_q).max() < EXACT and np.abs(v - want_v).max() < 10 * EXACT, t
+            assert off(q, want_q) < EXACT and np.abs(v - want_v).max() < 10 * EXACT, t
         with pytest.raises(phipsi.Error, match="open by"):
             sim.state = (1.0, q0, np.zeros(3))
 
@@ -132,7 +137,7 @@ def test_the_force_of_the_drive() -> None:
     # Without the drive's acceleration the moment is another.
     assert abs(m.closure_forces(q, v, tau)["drive"][2] - moment) > 0.1
     on, _ = m.project_position(q + 1e-4, closure_motion=given)
-    assert np.abs(on - q).max() < EXACT
+    assert off(on, q) < EXACT
     kept, _ = m.project_velocity(q, np.zeros(3), closure_motion=given)
     assert np.abs(kept - v).max() < 10 * EXACT
 
@@ -201,6 +206,6 @@ def test_what_a_motion_raises_comes_out() -> None:
         with pytest.raises(KeyError, match="no more data"):
             sim.step(0.2)
         # The state is the last good one.
-        assert sim.state.t == 0.2 and np.abs(sim.state.q - closed_form(m, 0.2)[0]).max() < EXACT
+        assert sim.state.t == 0.2 and off(sim.state.q, closed_form(m, 0.2)[0]) < EXACT
     sim.step(0.1)
     assert abs(sim.state.t - 0.3) < 1e-15
