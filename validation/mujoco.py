@@ -60,6 +60,11 @@ def _in_one_line(error: Exception) -> str:
 
 def compile_text(text: str, base: str, fuse: bool) -> mj.MjModel:
     """The file's mechanics in MuJoCo, without geometry."""
+    return mechanics(text, base, fuse).compile()
+
+
+def mechanics(text: str, base: str, fuse: bool) -> mj.MjSpec:
+    """The same, to which more may be added."""
     spec = mj.MjSpec.from_string(text)
     spec.compiler.fusestatic = fuse
     # Mass comes from <inertial> alone, and no mesh files are needed.
@@ -68,7 +73,7 @@ def compile_text(text: str, base: str, fuse: bool) -> mj.MjModel:
         spec.delete(part)
     if base == "free":
         spec.worldbody.first_body().add_freejoint()
-    return spec.compile()
+    return spec
 
 
 def _take_impossible_moments(root: ElementTree.Element) -> dict[str, tuple[np.ndarray, np.ndarray]]:

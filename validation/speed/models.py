@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +13,7 @@ import pinocchio as pin
 
 import phipsi
 
+from .. import loops
 from ..compare import conditioning
 from ..mujoco import compile_text
 from ..robots import model_path
@@ -26,10 +26,7 @@ NAMES = "panda ur5 solo12 anymal_c talos_reduced chain_0007 chain_0064 chain_025
 
 
 #: Models with closed loops, of which one operation is timed.
-CLOSED_NAMES = [*(f"ladderL_{n:04d}" for n in (1, 4, 16, 64, 128)), "stewart", "twoarm"]
-
-#: Where they are.
-LOOPS = Path(__file__).parents[1] / "data" / "loops"
+CLOSED_NAMES = loops.NAMES
 
 
 class LeftOut(Exception):
@@ -44,8 +41,10 @@ class Case:
     path: Path
     m: phipsi.Model
     states: list[tuple[np.ndarray, ...]]
-    #: Closed loops: name, kind, and link, xyz, rpy of both frames.
-    closures: list[tuple] = field(default_factory=list)
+    #: Closed loops.
+    closures: list[loops.Loop] = field(default_factory=list)
+    #: Accelerations at the states by 80-bit arithmetic, where they are known.
+    known: list[np.ndarray] = field(default_factory=list)
 
     def factor(self, bound: float) -> float:
         """How much more than `bound` accelerations may differ, as a hinge is ill-conditioned (soa.md 2.2)."""
@@ -89,30 +88,18 @@ def open_case(name: str, folder: Path, count: int = STATES) -> Case:
 
 def open_closed_case(name: str, _folder: Path) -> Case:
     """A model with closed loops by name, at the states of its file, at which the loops are closed."""
-    path = LOOPS / f"{name}.urdf"
-    data = json.loads(path.with_suffix(".json").read_text())
-    m = phipsi.Model.from_urdf(str(path), base="fixed", mimic="free")
-    m.gravity = (0.0, 0.0, -9.81)
-    closures = []
-    for closure in data["closures"]:
-        kind = {"point3": "spherical", "frame6": "weld"}[closure["type"]]
-        sides = [(closure[f"link_{s}"], closure[f"xyz_{s}"], closure[f"rpy_{s}"]) for s in "ab"]
-        closures.append((closure["name"], kind, *sides))
-        a, b = ((link, pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz)).homogeneous) for link, xyz, rpy in sides)
-        m.close_loop(*a, *b, kind=kind, name=closure["name"])
-    layout = phipsi.interop.Pinocchio(m, ["universe", *(joint["name"] for joint in data["joints"])])
-    states = []
-    for sample in data["samples"]:
-        q, v, tau = (np.array(sample[key], float) for key in ("q", "v", "tau"))
-        states.append((layout.q_in(q), layout.v_in(v), layout.f_in(tau), np.zeros(m.nv)))
-    return Case(name, path.resolve(), m, states, closures)
+    case = loops.open_case(name)
+    rest = np.zeros_like(case.v)
+    states = list(zip(case.q, case.v, case.tau, rest))
+    return Case(name, case.path.resolve(), case.m, states, case.loops, list(case.accelerations))
 
 
 def write_closed(path: Path, case: Case) -> str:
     """Tree and closures as phipsi's timer reads them; the path."""
     lines = [str(case.path), _words(case.m.gravity)]
-    for name, kind, *sides in case.closures:
-        lines.append(" ".join([name, kind, *(f"{link} {_words(xyz)} {_words(rpy)}" for link, xyz, rpy in sides)]))
+    for loop in case.closures:
+        sides = (f"{side.link} {_words(side.xyz)} {_words(side.rpy)}" for side in (loop.a, loop.b))
+        lines.append(" ".join([loop.name, loop.kind, *sides]))
     path.write_text("\n".join(lines) + "\n")
     return str(path)
 
@@ -176,9 +163,10 @@ def write_pinocchio(path: Path, case: Case) -> tuple[str, phipsi.interop.Pinocch
         six = [x[0, 0], x[0, 1], x[1, 1], x[0, 2], x[1, 2], x[2, 2]]
         numbers = [place.rotation.ravel(), place.translation, _axis(joint), [body.mass], body.lever, six]
         lines.append(f"{joint.shortname()} {model.parents[i]} {_words(np.concatenate(numbers))}")
-    for _, kind, *sides in case.closures:
-        places = [f"{case.links.index(link)} {_words(pin.rpy.rpyToMatrix(*rpy).ravel())} {_words(xyz)}" for link, xyz, rpy in sides]
-        lines.append(" ".join(["closure", kind, *places]))
+    for loop in case.closures:
+        sides = (loop.a, loop.b)
+        places = [f"{case.links.index(s.link)} {_words(s.pose()[:3, :3].ravel())} {_words(s.xyz)}" for s in sides]
+        lines.append(" ".join(["closure", loop.kind, *places]))
     path.write_text("\n".join(lines) + "\n")
     return str(path), phipsi.interop.Pinocchio(case.m, list(model.names))
 

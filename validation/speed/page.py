@@ -60,9 +60,23 @@ def _cell(row: dict, program: str) -> str:
     return f"{duration(best)} · **{ratio:.3g}**{over}"
 
 
-def _goal(program: str, bar: tuple[float, float]) -> str:
-    stretch = f" (stretch {bar[1]:g})" if bar[1] != bar[0] else ""
-    return f"{program} ≤ {bar[0]:g}{stretch}"
+def _goals(program: str, rows: list[dict]) -> str:
+    """The goals of a program; where models have their own, which ones."""
+    models: dict[tuple[float, float], list[str]] = {}
+    for row in rows:
+        if bar := row["ratios"].get(program, {}).get("bar"):
+            models.setdefault(tuple(bar), []).append(row["model"])
+    common = max(models, key=lambda bar: len(models[bar]), default=None)
+    parts = []
+    for bar, names in models.items():
+        stretch = f" (stretch {bar[1]:g})" if bar[1] != bar[0] else ""
+        which = f" on {', '.join(names)}" if bar != common else ""
+        parts.append(f"{program} ≤ {bar[0]:g}{stretch}{which}")
+    return ", ".join(parts)
+
+
+def _error(error: float | None) -> str:
+    return "–" if error is None else f"{error:.0e}"
 
 
 def text(run: dict) -> str:
@@ -75,15 +89,20 @@ def text(run: dict) -> str:
     for operation in dict.fromkeys(row["operation"] for row in run["rows"]):
         rows = [row for row in run["rows"] if row["operation"] == operation]
         have = [name for name in others if any(name in row["ns"] for row in rows)]
-        bars = {name: bar for name in have for row in rows if (bar := row["ratios"].get(name, {}).get("bar"))}
+        goals = [_goals(name, rows) for name in have]
         lines = []
         for row in rows:
             ours = min(median(times) for times in row["ns"]["phipsi"].values())
             lines.append([f"{row['model']} ({row['dof']})", duration(ours), *(_cell(row, name) for name in have)])
         parts.append(f"## {operation.replace('_', ' ').capitalize()}\n")
         parts.append(_table(["model (dof)", "phipsi", *(f"{name} · ratio" for name in have)], lines) + "\n")
-        if bars:
-            parts.append("Goals: " + ", ".join(_goal(*item) for item in bars.items()) + "; † missed.\n")
+        if any(goals):
+            parts.append("Goals: " + ", ".join(filter(None, goals)) + "; † missed.\n")
+        if any(row["errors"] for row in rows):
+            programs = ["phipsi", *have]
+            cells = [[row["model"], *(_error(row["errors"].get(name)) for name in programs)] for row in rows]
+            parts.append("Errors against known results, relative to the largest component:\n")
+            parts.append(_table(["model", *programs], cells) + "\n")
     if run["chains"]:
         rows = [
             [str(c["bodies"]), f"{c['ns_per_body']:.1f}", f"{c['ratio']:.2f}", "" if c["bar"] is None else f"≤ {c['bar']:g}"]
@@ -98,6 +117,8 @@ def text(run: dict) -> str:
         ]
         parts.append("## From Python\n\nWhat the package adds to the kernels. Wall times contain whatever else the machine does.\n")
         parts.append(_table(["what", "measured", "goal"], rows) + "\n")
+    if run["explained"]:
+        parts.append("## Timed though they differ\n\n" + "\n".join(f"- {line}" for line in run["explained"]) + "\n")
     if run["left_out"] or run["refused"]:
         parts.append("## Left out\n\n" + "\n".join(f"- {line}" for line in [*run["left_out"], *run["refused"]]) + "\n")
     return "\n".join(parts)

@@ -2,63 +2,26 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 
 import phipsi
+from validation import loops
+from validation.compare import relative
+from validation.loops import open_case
 
-from .common import ARM
-
-DATA = Path(__file__).parents[1] / "data" / "loops"
-
-MODELS = ["ladderL_0001", "ladderL_0004", "ladderL_0016", "ladderL_0064", "ladderL_0128", "stewart", "twoarm"]
-
-
-def pose(xyz: list[float], rpy: list[float]) -> np.ndarray:
-    """A 4×4 pose of URDF's numbers."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
-    about = [
-        [[1, 0, 0], [0, cr, -sr], [0, sr, cr]],
-        [[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]],
-        [[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]],
-    ]
-    out = np.eye(4)
-    out[:3, :3] = np.array(about[2]) @ np.array(about[1]) @ np.array(about[0])
-    out[:3, 3] = xyz
-    return out
+from .common import ARM, EPSILON
 
 
-def load(name: str) -> tuple[phipsi.Model, dict[str, Any], phipsi.interop.Pinocchio]:
-    """A model with its loops, its data and the layout of those."""
-    data = json.loads((DATA / f"{name}.json").read_text())
-    m = phipsi.Model.from_urdf(DATA / f"{name}.urdf", mimic="free")
-    m.gravity = (0.0, 0.0, -9.81)
-    for c in data["closures"]:
-        kind = {"point3": "spherical", "frame6": "weld"}[c["type"]]
-        a, b = pose(c["xyz_a"], c["rpy_a"]), pose(c["xyz_b"], c["rpy_b"])
-        m.close_loop(c["link_a"], a, c["link_b"], b, kind=kind, name=c["name"])
-    return m, data, phipsi.interop.Pinocchio(m, [joint["name"] for joint in data["joints"]])
-
-
-def error(got: np.ndarray, want: np.ndarray) -> float:
-    """Largest error over largest number."""
-    return float(np.abs(got - want).max() / np.abs(want).max())
-
-
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", loops.NAMES)
 def test_loops_agree_with_extended_precision(name: str) -> None:
-    m, data, layout = load(name)
-    array = {key: np.array([s[key] for s in data["samples"]]) for key in data["samples"][0]}
-    q, v, tau = layout.q_in(array["q"]), layout.v_in(array["v"]), layout.f_in(array["tau"])
+    case = open_case(name)
+    m, q, v, tau = case.m, case.q, case.v, case.tau
     a, info = m.forward_dynamics(q, v, tau, info=True)
-    assert error(a, layout.v_in(array["ddq_closed_ext"])) <= 1e-12
+    assert relative(a, case.accelerations) <= 1e-12
     force = m.generalized_constraint_force(q, v, tau)
-    assert error(force, layout.f_in(array["generalized_constraint_force_ext"])) <= 1e-12
-    assert (info.rank == array["rank"]).all()
+    assert relative(force, case.forces) <= 1e-12
+    assert (info.rank == case.rank).all()
     assert (info.closure_residual < 1e-12).all() and (info.backward_error < 1e-13).all()
     # One state gives what it gives in a batch of any shape.
     assert (m.forward_dynamics(q[-1], v[-1], tau[-1]) == a[-1]).all()
@@ -71,10 +34,9 @@ def test_loops_agree_with_extended_precision(name: str) -> None:
 
 
 def test_closures_are_asked_and_assembled() -> None:
-    m, data, layout = load("ladderL_0001")
+    case = open_case("ladderL_0001")
+    m, q, v = case.m, case.q[0], case.v[0]
     assert m.closure_names == ["c1"]
-    q = layout.q_in(np.array(data["samples"][0]["q"]))
-    v = layout.v_in(np.array(data["samples"][0]["v"]))
     assert np.abs(m.closure_residual(q)).max() < 1e-15
     position, velocity = m.closure_residual(np.stack([q, q]), v)
     assert position.shape == velocity.shape == (2, 3) and np.abs(velocity).max() < 1e-15
@@ -103,7 +65,7 @@ def test_a_mimic_couples_two_joints() -> None:
 
 
 def test_wrong_closures_are_refused() -> None:
-    m, _, _ = load("ladderL_0001")
+    m = open_case("ladderL_0001").m
     one = np.eye(4)
     with pytest.raises(phipsi.ArgumentError, match="kind"):
         m.close_loop("rung1", one, "right1", one, kind="glue")
@@ -127,10 +89,8 @@ def test_wrong_closures_are_refused() -> None:
 
 
 def test_projections_close_the_loops() -> None:
-    m, data, layout = load("stewart")
-    sample = data["samples"][0]
-    q, v = (np.array(sample[key], float) for key in ("q", "v"))
-    q, v = layout.q_in(q), layout.v_in(v)
+    case = open_case("stewart")
+    m, q = case.m, case.q[0]
     rng = np.random.default_rng(1)
     off = m.integrate(q, 1e-4 * rng.normal(size=(3, m.nv)))
     on, info = m.project_position(off)
@@ -138,7 +98,7 @@ def test_projections_close_the_loops() -> None:
     assert np.abs(m.closure_residual(on)).max() < 1e-14
     wild = rng.normal(size=(3, m.nv))
     kept, info = m.project_velocity(on, wild)
-    assert np.all(info.rank == data["samples"][0]["rank"]) and np.all(info.energy_removed > 0)
+    assert np.all(info.rank == case.rank[0]) and np.all(info.energy_removed > 0)
     assert np.abs(m.closure_residual(on, kept)[1]).max() < 1e-13
     # The least kinetic energy of the change: it is orthogonal to what the closures allow.
     for state in range(3):
@@ -148,10 +108,10 @@ def test_projections_close_the_loops() -> None:
 
 
 def test_the_projection_of_closed_chains() -> None:
-    m, data, layout = load("twoarm")
-    q = layout.q_in(np.array(data["samples"][0]["q"], float))
+    case = open_case("twoarm")
+    m, q = case.m, case.q[0]
     P = m.closure_projection(q)
-    assert P.rank == data["samples"][0]["rank"]
+    assert P.rank == case.rank[0]
     dense = P.apply(np.eye(m.nv))
     # Symmetric, idempotent, of the trace that its rank leaves.
     assert np.abs(dense - dense.T).max() < 1e-13 and np.abs(dense @ dense - dense).max() < 1e-13
@@ -159,30 +119,28 @@ def test_the_projection_of_closed_chains() -> None:
     m.gravity = (0.0, 0.0, 0.0)
     tau = np.linspace(-1, 1, m.nv)
     a = m.forward_dynamics(q, np.zeros(m.nv), tau)
-    assert error(P.solve(tau), a) < 1e-13
+    assert relative(P.solve(tau), a) < 1e-13
 
 
 def test_prescribed_joints_of_closed_chains() -> None:
-    m, data, layout = load("twoarm")
-    sample = data["samples"][0]
-    q, v, tau = (np.array(sample[key], float) for key in ("q", "v", "tau"))
-    q, v, tau = layout.q_in(q), layout.v_in(v), layout.f_in(tau)
+    case = open_case("twoarm")
+    m, q, v, tau = case.m, case.q[0], case.v[0], case.tau[0]
     a = m.forward_dynamics(q, v, tau)
     active = np.zeros(m.nv, bool)
     active[:4] = True
     # The accelerations that these forces make need these forces.
     needed, others = m.hybrid_dynamics(q, v, active, a[active], tau[~active])
-    assert error(others, a[~active]) < 1e-12 and error(needed, tau[active]) < 1e-11
+    assert relative(others, a[~active]) < 1e-12 and relative(needed, tau[active]) < 1e-11
     # Other ones: what comes out is dynamics with loops again.
     given = a[active] + [0.3, -0.2, 0.1, 0.4]
     needed, others = m.hybrid_dynamics(q, v, active, given, tau[~active])
     forces = tau.copy()
     forces[active] = needed
-    assert error(m.forward_dynamics(q, v, forces), np.concatenate([given, others])) < 1e-11
+    assert relative(m.forward_dynamics(q, v, forces), np.concatenate([given, others])) < 1e-11
 
 
 def test_what_contradicts_the_loops_is_said() -> None:
-    m, _, _ = load("ladderL_0001")
+    m = open_case("ladderL_0001").m
     q = m.assemble([0.7, -0.7, 0.7])[0]
     _, info = m.forward_dynamics(q, np.zeros(3), np.zeros(3), info=True)
     assert info.inconsistency is None and info.rank == 2 and len(info.redundant) == 1
@@ -210,8 +168,20 @@ def test_a_moving_closure_pulls_its_bodies() -> None:
 
 
 def test_the_tree_is_chosen_for_the_loops() -> None:
-    m, _, _ = load("ladderL_0004")
+    m = open_case("ladderL_0004").m
     before = m.joint_names
     assert m.choose_tree(keep=m.closure_names).startswith("the given tree") and m.joint_names == before
     with pytest.raises(phipsi.ArgumentError, match="keep"):
         m.choose_tree(keep=["nothing"])
+
+
+@pytest.mark.parametrize("name", ["ladderL_0001", "ladderL_0004", "ladderL_0016", "stewart", "twoarm"])
+def test_other_programs_err_as_their_methods_say(name: str) -> None:
+    case = open_case(name)
+    found, kappa = loops.errors(case), loops.condition(case)
+    assert max(found["phipsi"]) <= 1e-12
+    # A Cholesky factor of J M⁻¹ Jᵀ: n ε κ, ten times for the products that it is made of.
+    assert max(found["Pinocchio"]) <= 10 * case.m.nv * EPSILON * kappa
+    # A diagonal of 1e-4 of its own (as MuJoCo estimates it, hence ten times) is added to it; it is there, so it is seen.
+    softness = (1 - loops.IMPEDANCE) / loops.IMPEDANCE
+    assert 1e-3 * softness < max(found["MuJoCo"]) <= 10 * softness * kappa

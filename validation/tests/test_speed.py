@@ -40,7 +40,7 @@ for line in sys.stdin:
         print("four", flush=True)
     elif repetitions <= 0:
         values = [state + 1.0, 10.0 * (state + 1)]
-        values[1] *= {"off": 1 + 1e-6, "nan": float("nan")}.get(mode, 1 + 1e-12)
+        values[1] *= {"off": 1 + 1e-6, "close": 1 + 1e-7, "far": 1 + 1e-5, "nan": float("nan")}.get(mode, 1 + 1e-12)
         print("result", *values, flush=True)
     else:
         print(ns, "nan" if mode == "nan" else 0.0, flush=True)
@@ -120,7 +120,10 @@ class Other(Program):
         return ours, theirs
 
 
-CASE = SimpleNamespace(name="arm", m=SimpleNamespace(nv=2))
+CASE = SimpleNamespace(name="arm", m=SimpleNamespace(nv=2), known=[])
+
+#: The same where the right results are known.
+KNOWN = SimpleNamespace(name="arm", m=CASE.m, known=[np.array([i + 1.0, 10.0 * (i + 1)]) for i in range(64)])
 
 
 def ours(timer, ns: float, mode: str = "right"):
@@ -148,6 +151,36 @@ def test_who_computes_something_else_is_not_timed(timer, tmp_path, mode):
     assert len(run.refused) == 1 and "bad, inverse_dynamics, arm" in run.refused[0]
     asked = [line.split() for line in (tmp_path / "log").read_text().splitlines()]
     assert not [line for line in asked if line[0] == "bad" and int(line[2]) > 0]
+
+
+def test_who_errs_is_said(timer):
+    run = report.Run(3)
+    run.compare(KNOWN, "inverse_dynamics", ours(timer, 500.0), [Other("rough", ("inverse_dynamics", timer("rough", mode="close")))])
+    (row,) = run.rows
+    assert set(row.times) == {"phipsi", "rough"} and not run.refused
+    assert row.errors == pytest.approx({"phipsi": 1e-12, "rough": 1e-7}, rel=1e-3)
+    assert "rough, inverse_dynamics, arm: differs by 1.0e-07, allowed 1.0e-09: its own error, against known results 1e-07" in run.text()
+    assert "errors phipsi 1e-12, rough 1e-07" in run.text()
+
+
+@pytest.mark.parametrize("mine, theirs", [("close", "right"), ("close", "close"), ("right", "far"), ("right", "stale")])
+def test_a_difference_that_is_not_their_error_is_refused(timer, mine, theirs):
+    run = report.Run(3)
+    other = Other("other", ("inverse_dynamics", timer("other", mode=theirs)))
+    run.compare(KNOWN, "inverse_dynamics", ours(timer, 500.0, mine), [other])
+    if (mine, theirs) == ("close", "close"):
+        # They agree: nothing is refused, and both errors are told.
+        assert not run.refused and run.rows[0].errors == pytest.approx({"phipsi": 1e-7, "other": 1e-7}, rel=1e-3)
+    else:
+        assert len(run.refused) == 1 and set(run.rows[0].times) == {"phipsi"} and not run.explained
+
+
+def test_goals_of_single_models():
+    rows = [{"model": name, "ratios": {"Pinocchio": {"bar": bar}}} for name, bar in (("a", (1, 1)), ("b", (1, 1)), ("c", (0.05, 0.05)), ("d", None))]
+    assert page._goals("Pinocchio", rows) == "Pinocchio ≤ 1, Pinocchio ≤ 0.05 on c"
+    assert page._goals("MuJoCo", rows) == ""
+    assert report.bar("closed_forward_dynamics", "Pinocchio", "ladderL_0128") == (0.05, 0.05)
+    assert report.bar("closed_forward_dynamics", "Pinocchio", "stewart") == (1.0, 1.0)
 
 
 def test_what_does_not_exist_is_said(timer):

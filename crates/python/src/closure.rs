@@ -1,10 +1,11 @@
 //! Methods of `Model` about closed loops.
 
 use crate::batch::{Argument, Batch};
+use crate::closure_motion::Instant;
 use crate::dynamics::{ForwardInfo, forward_judgement};
 use crate::errors::{Failure, argument_error, choice_error, dynamics_error, exception, violations_error};
 use crate::model::{Compiled, Model, Names};
-use phipsi::closure::{ClosedDynamics, ClosureError, ClosureMotion, Conditions, PositionProjection};
+use phipsi::closure::{ClosedDynamics, ClosureError, Conditions, PositionProjection, Solved};
 use phipsi::model::{Closure, ClosureKind, Placement};
 use phipsi::motion::MotionError;
 use phipsi::recursion::{Form, forward_info};
@@ -61,29 +62,6 @@ fn placement(object: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Placemen
     Ok(Placement { translation: [x[3], x[7], x[11]], rotation: Quaternion::from_rotation(&rotation).0 })
 }
 
-/// γ, γ̇, γ̈ of all rows from {name: (3, rows)}; closures that are not named rest.
-fn gamma(template: &ClosedDynamics<f64>, given: &Bound<'_, PyDict>) -> PyResult<[Vec<f64>; 3]> {
-    let py = given.py();
-    let mut gamma: [Vec<f64>; 3] = std::array::from_fn(|_| vec![0.0; template.rows()]);
-    for (name, motion) in given {
-        let name: String = name.extract()?;
-        let Some(i) = (0..template.closures()).find(|&i| template.closure(i).0 == name) else {
-            let names: Vec<&str> = (0..template.closures()).map(|i| template.closure(i).0).collect();
-            return Err(choice_error(py, "closure_motion", &name, &names));
-        };
-        let rows = template.closure(i).1;
-        let (argument, count) = ("closure_motion", rows.len());
-        let describe = |at: usize| format!("row {}", at % count.max(1));
-        let meaning = "position, velocity and acceleration of every row";
-        let read = Argument::read(&motion, argument, &[3, count], meaning, &describe)?;
-        crate::simulator::check_single(py, &read)?;
-        for (gamma, part) in gamma.iter_mut().zip(read.at(0).chunks_exact(count)) {
-            gamma[rows.clone()].copy_from_slice(part);
-        }
-    }
-    Ok(gamma)
-}
-
 /// Whole numbers that went through a batch as floats.
 pub(crate) fn as_type<'py>(x: Bound<'py, PyAny>, kind: &str) -> PyResult<Py<PyAny>> {
     let py = x.py();
@@ -103,12 +81,14 @@ impl Model {
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
+        closure_motion: Option<&Bound<'py, PyDict>>,
         close: Closing,
     ) -> PyResult<(Bound<'py, PyAny>, Py<AssemblyInfo>)> {
         let compiled = self.compiled();
         let mut q = compiled.q(q, "q")?;
         let batch = Batch::of(py, [&mut q])?;
         let template = compiled.closed(py)?;
+        let instant = Instant::read(template, closure_motion)?;
         let nq = compiled.model.nq();
         let out = batch.each(
             py,
@@ -116,7 +96,7 @@ impl Model {
             || template.clone(),
             |work, i, out| {
                 out[..nq].copy_from_slice(q.at(i));
-                let done = close(work, &mut out[..nq], &Conditions::default())?;
+                let done = close(work, &mut out[..nq], &instant.conditions())?;
                 compiled.model.normalize(&mut out[..nq]);
                 out[nq..].copy_from_slice(&[done.residual[1], done.iterations as f64]);
                 Ok(())
@@ -148,12 +128,8 @@ impl Model {
         let (mut tau, mut wrenches) = (compiled.v(tau, "tau")?, compiled.wrenches(wrenches)?);
         let batch = Batch::of(py, [&mut q, &mut v, &mut tau].into_iter().chain(&mut wrenches.arguments))?;
         let template = compiled.closed(py)?;
-        let gamma = closure_motion.map(|given| gamma(template, given)).transpose()?;
-        let motion = gamma.as_ref().map(|[position, velocity, acceleration]| ClosureMotion {
-            position,
-            velocity,
-            acceleration,
-        });
+        let instant = Instant::read(template, closure_motion)?;
+        let motion = instant.motion();
         let nv = compiled.model.nv();
         // Accelerations, then what the info holds.
         const MORE: usize = 9;
@@ -231,25 +207,31 @@ impl Model {
         };
         (accelerations, Py::new(py, found)?).into_bound_py_any(py)
     }
-    /// Runs something on the closed dynamics of every state, `size` numbers each.
+    /// `size` numbers of the solved closed dynamics of every state.
     fn each_closed<'py>(
         &self,
         py: Python<'py>,
         compiled: &Compiled,
         arguments: [&Bound<'py, PyAny>; 3],
+        closure_motion: Option<&Bound<'py, PyDict>>,
         size: usize,
-        body: impl Fn(&mut ClosedDynamics<f64>, [&[f64]; 3], &mut [f64]) -> Result<(), ClosureError> + Sync + Send,
+        body: impl Fn(&mut Solved<'_, f64>, &mut [f64]) -> Result<(), ClosureError> + Sync + Send,
     ) -> PyResult<(Batch, Vec<f64>)> {
         let [q, v, tau] = arguments;
         let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
         let mut tau = compiled.v(tau, "tau")?;
         let batch = Batch::of(py, [&mut q, &mut v, &mut tau])?;
         let template = compiled.closed(py)?;
+        let instant = Instant::read(template, closure_motion)?;
+        let nv = compiled.model.nv();
         let out = batch.each(
             py,
             size,
-            || template.clone(),
-            |work, i, out| Ok(body(work, [q.at(i), v.at(i), tau.at(i)], out)?),
+            || (template.clone(), vec![0.0; nv]),
+            |(work, a), i, out| {
+                let mut solved = work.run(q.at(i), v.at(i), tau.at(i), &instant.conditions(), a)?;
+                Ok(body(&mut solved, out)?)
+            },
         );
         let out =
             out.map_err(|e| compiled.failure(py, &batch, e, Names::Other("a force of the closures")))?;
@@ -327,6 +309,8 @@ impl Model {
     /// Parameters
     /// ----------
     /// q : (…, nq), the guess.
+    /// closure_motion : {name: (3, rows)}, what closures are given at this instant, as ``forward_dynamics`` takes it; only the
+    ///     positions count.
     ///
     /// Returns
     /// -------
@@ -343,18 +327,21 @@ impl Model {
     /// >>> q, info = m.assemble([0.3, 0.2])
     /// >>> bool(abs(m.closure_residual(q)[0]) < 1e-14)
     /// True
+    #[pyo3(signature = (q, closure_motion = None))]
     fn assemble<'py>(
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
+        closure_motion: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<(Bound<'py, PyAny>, Py<AssemblyInfo>)> {
-        self.closed_positions(py, q, ClosedDynamics::assemble)
+        self.closed_positions(py, q, closure_motion, ClosedDynamics::assemble)
     }
     /// How far a state is off the closures.
     ///
     /// Parameters
     /// ----------
     /// q : (…, nq). v : (…, nv), or None.
+    /// closure_motion : {name: (3, rows)}, what closures are given at this instant, as ``forward_dynamics`` takes it.
     ///
     /// Returns
     /// -------
@@ -370,18 +357,20 @@ impl Model {
     /// >>> m = phipsi.Model.from_urdf("arm.urdf")
     /// >>> m.close_loop("world", np.eye(4), m.body_names[-1], np.eye(4), kind="point_on_plane")
     /// >>> position, velocity = m.closure_residual([0.3, 0.2], v=[1.0, 0.0])
-    #[pyo3(signature = (q, v = None))]
+    #[pyo3(signature = (q, v = None, closure_motion = None))]
     fn closure_residual<'py>(
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
         v: Option<&Bound<'py, PyAny>>,
+        closure_motion: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let compiled = self.compiled();
         let mut q = compiled.q(q, "q")?;
         let mut v = v.map(|v| compiled.v(v, "v")).transpose()?;
         let batch = Batch::of(py, std::iter::once(&mut q).chain(&mut v))?;
         let template = compiled.closed(py)?;
+        let instant = Instant::read(template, closure_motion)?;
         let rows = template.rows();
         let size = if v.is_some() { 2 * rows } else { rows };
         let out = batch.each(
@@ -391,7 +380,7 @@ impl Model {
             |work, i, out| {
                 let (position, velocity) = out.split_at_mut(rows);
                 let v = v.as_ref().map(|v| v.at(i));
-                Ok(work.residual(q.at(i), v, &Conditions::default(), position, velocity)?)
+                Ok(work.residual(q.at(i), v, &instant.conditions(), position, velocity)?)
             },
         );
         let out = out.map_err(|e| compiled.failure(py, &batch, e, Names::Other("a residual")))?;
@@ -409,6 +398,7 @@ impl Model {
     /// Parameters
     /// ----------
     /// q : (…, nq). v, tau : (…, nv).
+    /// closure_motion : {name: (3, rows)}, what closures are given at this instant, as ``forward_dynamics`` takes it.
     ///
     /// Returns
     /// -------
@@ -426,20 +416,20 @@ impl Model {
     /// >>> q, info = m.assemble([0.3, 0.2])
     /// >>> m.closure_forces(q, [0.0, 0.0], [0.0, 0.0])["floor"].shape
     /// (1,)
+    #[pyo3(signature = (q, v, tau, closure_motion = None))]
     fn closure_forces<'py>(
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
         v: &Bound<'py, PyAny>,
         tau: &Bound<'py, PyAny>,
+        closure_motion: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let compiled = self.compiled();
         let template = compiled.closed(py)?;
-        let (rows, nv) = (template.rows(), compiled.model.nv());
-        let (batch, out) = self.each_closed(py, &compiled, [q, v, tau], rows, |work, [q, v, tau], out| {
-            let mut a = vec![0.0; nv];
-            work.run(q, v, tau, &Conditions::default(), &mut a)?.closure_forces(out)
-        })?;
+        let rows = template.rows();
+        let (batch, out) = self
+            .each_closed(py, &compiled, [q, v, tau], closure_motion, rows, |s, out| s.closure_forces(out))?;
         let forces = PyDict::new(py);
         for i in 0..template.closures() {
             let (name, range) = template.closure(i);
@@ -454,6 +444,7 @@ impl Model {
     /// Parameters
     /// ----------
     /// q : (…, nq). v, tau : (…, nv).
+    /// closure_motion : {name: (3, rows)}, what closures are given at this instant, as ``forward_dynamics`` takes it.
     ///
     /// Returns
     /// -------
@@ -470,18 +461,19 @@ impl Model {
     /// >>> q, info = m.assemble([0.3, 0.2])
     /// >>> m.generalized_constraint_force(q, [0.0, 0.0], [0.0, 0.0]).shape
     /// (2,)
+    #[pyo3(signature = (q, v, tau, closure_motion = None))]
     fn generalized_constraint_force<'py>(
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
         v: &Bound<'py, PyAny>,
         tau: &Bound<'py, PyAny>,
+        closure_motion: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let compiled = self.compiled();
         let nv = compiled.model.nv();
-        let (batch, out) = self.each_closed(py, &compiled, [q, v, tau], nv, |work, [q, v, tau], out| {
-            let mut a = vec![0.0; nv];
-            work.run(q, v, tau, &Conditions::default(), &mut a)?.generalized_constraint_force(out)
+        let (batch, out) = self.each_closed(py, &compiled, [q, v, tau], closure_motion, nv, |s, out| {
+            s.generalized_constraint_force(out)
         })?;
         batch.array(py, out, &[nv])
     }

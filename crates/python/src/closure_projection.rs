@@ -2,10 +2,12 @@
 
 use crate::batch::{Argument, Batch};
 use crate::closure::{AssemblyInfo, as_type};
+use crate::closure_motion::Instant;
 use crate::errors::{name_error, violations_error};
 use crate::model::{Compiled, Model, Names};
 use phipsi::closure::{ClosedDynamics, Conditions, Prescribed, Projection, choose_tree};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use std::sync::{Mutex, PoisonError};
 
 /// What ``project_velocity`` did.
@@ -177,6 +179,8 @@ impl Model {
     /// Parameters
     /// ----------
     /// q : (…, nq), near the closures; ``assemble`` goes further.
+    /// closure_motion : {name: (3, rows)}, what closures are given at this instant, as ``forward_dynamics`` takes it; only the
+    ///     positions count.
     ///
     /// Returns
     /// -------
@@ -194,18 +198,22 @@ impl Model {
     /// >>> q, info = m.project_position(q + 1e-3)
     /// >>> bool(info.closure_residual < 1e-14)
     /// True
+    #[pyo3(signature = (q, closure_motion = None))]
     fn project_position<'py>(
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
+        closure_motion: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<(Bound<'py, PyAny>, Py<AssemblyInfo>)> {
-        self.closed_positions(py, q, ClosedDynamics::project_position)
+        self.closed_positions(py, q, closure_motion, ClosedDynamics::project_position)
     }
     /// Makes velocities consistent with the closures: v + δ(−Jv), the change of least kinetic energy.
     ///
     /// Parameters
     /// ----------
     /// q : (…, nq). v : (…, nv).
+    /// closure_motion : {name: (3, rows)}, what closures are given at this instant, as ``forward_dynamics`` takes it; only the
+    ///     velocities count.
     ///
     /// Returns
     /// -------
@@ -223,16 +231,19 @@ impl Model {
     /// >>> v, info = m.project_velocity(q, [1.0, 0.0])
     /// >>> info.rank, bool(info.velocity_residual < 1e-14), bool(info.energy_removed > 0)
     /// (1, True, True)
+    #[pyo3(signature = (q, v, closure_motion = None))]
     fn project_velocity<'py>(
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
         v: &Bound<'py, PyAny>,
+        closure_motion: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<(Bound<'py, PyAny>, Py<VelocityProjectionInfo>)> {
         let compiled = self.compiled();
         let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
         let batch = Batch::of(py, [&mut q, &mut v])?;
         let template = compiled.closed(py)?;
+        let instant = Instant::read(template, closure_motion)?;
         let nv = compiled.model.nv();
         let out = batch.each(
             py,
@@ -240,7 +251,7 @@ impl Model {
             || template.clone(),
             |work, i, out| {
                 out[..nv].copy_from_slice(v.at(i));
-                let done = work.project_velocity(q.at(i), &mut out[..nv], &Conditions::default())?;
+                let done = work.project_velocity(q.at(i), &mut out[..nv], &instant.conditions())?;
                 out[nv..].copy_from_slice(&[done.residual[1], done.energy_removed, done.rank as f64]);
                 Ok(())
             },

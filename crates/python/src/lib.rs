@@ -6,7 +6,7 @@
 //! | `model`, `dynamics`, `derivatives`, `hybrid`, `freeflight`, `kinematics`, `jacobians`, `velocities` | methods of the class `Model` |
 //! | `operators`, `estimation` | `phipsi.operators`: the classes `Operators` and `Operator` |
 //! | `flexible` | the class `FlexibleBody`, and methods of the class `Model` about modes |
-//! | `closure`, `closure_projection` | methods of the class `Model` about loops; the class `ClosureProjection` |
+//! | `closure`, `closure_projection`, `closure_motion` | methods of the class `Model` about loops; the class `ClosureProjection`; closures that move |
 //! | `molecule`, `source` | the class `System`: energies and forces of molecules |
 //! | `torsion_model`, `torsion_positions`, `torsion_minimum`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
 //! | `engine` | the forces of a torsion model: its System's, or a function in Python |
@@ -15,6 +15,7 @@
 
 mod batch;
 mod closure;
+mod closure_motion;
 mod closure_projection;
 mod clustering;
 mod derivatives;

@@ -2,6 +2,7 @@
 
 use crate::batch::{Argument, array};
 use crate::closure::motion_error;
+use crate::closure_motion::prescription;
 use crate::errors::{Field, argument_error, choice_error, dynamics_error, exception};
 use crate::model::Model;
 use crate::report::{Problem, Report};
@@ -11,10 +12,11 @@ use phipsi::motion::forces::Control;
 use phipsi::motion::{Force, Method};
 use phipsi_simulate::LimitPassed;
 use phipsi_simulate::{
-    Choice, Observer, Progress, Recording, Row, SimulateError, Simulation, StepRecord, run,
+    Choice, JointBehavior, Observer, Progress, Recording, Row, SimulateError, Simulation, StepRecord, run,
 };
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -84,6 +86,11 @@ impl Observer for Watcher {
 /// t_end : s; required with a model.
 /// control : control(t, q, v) -> tau, (nv,); called at trial steps too, so it must depend on its arguments only. What it
 ///     raises comes out as it is. Only with a model: a scene has its own forces.
+/// closure_motion : {name: motion} of closures that move, others rest. A motion is {direction: expression}, as in scenes: the
+///     offset along "x", "y", "z", the rotation "rx", "ry", "rz", the "distance", as far as the closure keeps it, each a
+///     number or an expression in t such as "0.01*sin(10*t)"; or a function of t that returns (3, rows): positions, velocities
+///     and accelerations of all rows, smooth, and each the rate of the one before. Its work is in ``Trajectory.work``. Only with
+///     a model.
 /// rtol, atol : error control of the adaptive methods; atol defaults to rtol, both to 1e-9.
 /// method : "auto", "dop853", "tsit5" (adaptive) or "rk4" with ``step``, s.
 /// max_step : s, the largest step of the adaptive methods.
@@ -107,7 +114,7 @@ impl Observer for Watcher {
 /// ((201, 2), True, True)
 #[pyfunction]
 #[pyo3(signature = (model_or_scene, q0 = None, v0 = None, t_end = None, control = None, rtol = None, atol = None,
-    method = None, step = None, max_step = None, every = None, estimate = None))]
+    method = None, step = None, max_step = None, every = None, estimate = None, closure_motion = None))]
 #[allow(clippy::too_many_arguments)]
 pub fn simulate(
     py: Python<'_>,
@@ -123,6 +130,7 @@ pub fn simulate(
     max_step: Option<f64>,
     every: Option<f64>,
     estimate: Option<bool>,
+    closure_motion: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Trajectory> {
     let raised = Raised::default();
     for (name, value) in [
@@ -138,8 +146,8 @@ pub fn simulate(
         }
     }
     let mut simulation = match model_or_scene.cast::<Model>() {
-        Ok(model) => from_model(py, model.get(), t_end, control, &raised)?,
-        Err(_) => from_scene(model_or_scene, t_end, control.is_some())?,
+        Ok(model) => from_model(py, model.get(), t_end, control, closure_motion, &raised)?,
+        Err(_) => from_scene(model_or_scene, t_end, control.is_some(), closure_motion.is_some())?,
     };
     set_start(py, &mut simulation, q0, v0)?;
     set_method(py, &mut simulation, (rtol, atol, max_step), method, step)?;
@@ -192,6 +200,7 @@ fn from_model(
     model: &Model,
     t_end: Option<f64>,
     control: Option<Bound<'_, PyAny>>,
+    closure_motion: Option<&Bound<'_, PyDict>>,
     raised: &Raised,
 ) -> PyResult<Simulation> {
     let Some(t_end) = t_end else {
@@ -203,10 +212,17 @@ fn from_model(
         forces.push(Box::new(control_law(model, &control, raised)?));
     }
     let compiled = model.compiled();
-    Simulation::new(&compiled.model, forces, t_end).map_err(|e| motion_error(py, &e))
+    let prescription = prescription(py, &compiled, closure_motion, (0.0, t_end), raised)?;
+    Simulation::prescribed(&compiled.model, forces, &prescription, t_end, JointBehavior::default())
+        .map_err(|e| motion_error(py, &e))
 }
 
-fn from_scene(scene: &Bound<'_, PyAny>, t_end: Option<f64>, control: bool) -> PyResult<Simulation> {
+fn from_scene(
+    scene: &Bound<'_, PyAny>,
+    t_end: Option<f64>,
+    control: bool,
+    closure_motion: bool,
+) -> PyResult<Simulation> {
     let py = scene.py();
     let Ok(path) = scene.extract::<PathBuf>() else {
         let found = scene.get_type().to_string();
@@ -219,6 +235,12 @@ fn from_scene(scene: &Bound<'_, PyAny>, t_end: Option<f64>, control: bool) -> Py
         let remedy = "load the URDF with Model.from_urdf, or write the force as [[force]] into the scene";
         let required = "None with a scene".into();
         return Err(argument_error(py, "control", "a function".into(), required, message, Some(remedy)));
+    }
+    if closure_motion {
+        let message = "`closure_motion` needs a model: a scene's closures move as the scene file says";
+        let remedy = "write motion = { x = \"…\" } into the [[closure]] of the scene";
+        let required = "None with a scene".into();
+        return Err(argument_error(py, "closure_motion", "a dict".into(), required, message, Some(remedy)));
     }
     if let Err(e) = std::fs::metadata(&path) {
         let reason = e.to_string().split(" (os error").next().unwrap_or_default().to_string();

@@ -2,13 +2,19 @@
 
 use crate::batch::{Argument, array};
 use crate::closure::motion_error;
+use crate::closure_motion::prescription;
 use crate::errors::{Field, argument_error, exception};
 use crate::model::{Compiled, Model};
+use crate::simulate::{Raised, simulate_error};
+use phipsi::model::State;
 use phipsi::motion::forces::JointDissipation;
 use phipsi::motion::{
     Dynamics, Force, ForceError, IntegrateError, Integrator, Loads, Method, Situation, System, Tolerances,
 };
+use phipsi_simulate::SimulateError;
+use phipsi_simulate::simulation::settle;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Generalized forces held over a step.
@@ -46,10 +52,14 @@ struct Stepper {
 /// q0, v0 : (nq,), (nv,); None: neutral, at rest.
 /// t0 : s, the start.
 /// substeps : Runge–Kutta steps a call.
+/// closure_motion : {name: motion} of closures that move with time, as ``simulate`` takes it.
+///
+/// Loops are followed: the start must close them (``Model.assemble``) and its velocities are made consistent; after each
+/// substep positions and velocities are projected onto them.
 ///
 /// Raises
 /// ------
-/// ArgumentError; NumericalError for numbers that are not finite; ModelError for a model with closures.
+/// ArgumentError; NumericalError for numbers that are not finite; Error for a start with open loops.
 ///
 /// Example
 /// -------
@@ -64,6 +74,8 @@ struct Stepper {
 pub struct Simulator {
     compiled: Arc<Compiled>,
     tau: Arc<Mutex<Vec<f64>>>,
+    /// What a function of the closures' motion raised.
+    raised: Raised,
     substeps: u32,
     /// In a box: lanes are aligned, and Python's objects are not.
     stepper: Box<Mutex<Stepper>>,
@@ -72,7 +84,7 @@ pub struct Simulator {
 #[pymethods]
 impl Simulator {
     #[new]
-    #[pyo3(signature = (m, q0 = None, v0 = None, t0 = 0.0, substeps = 1))]
+    #[pyo3(signature = (m, q0 = None, v0 = None, t0 = 0.0, substeps = 1, closure_motion = None))]
     fn new(
         py: Python<'_>,
         m: &Bound<'_, Model>,
@@ -80,6 +92,7 @@ impl Simulator {
         v0: Option<&Bound<'_, PyAny>>,
         t0: f64,
         substeps: u32,
+        closure_motion: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
         let compiled = m.get().compiled();
         let model = &compiled.model;
@@ -95,10 +108,15 @@ impl Simulator {
         if let Some(force) = JointDissipation::new(model, JointDissipation::SPEED) {
             forces.push(Box::new(force));
         }
-        let dynamics = Dynamics::new(model, forces).map_err(|e| motion_error(py, &e))?;
-        let integrator = integrator(&dynamics, t0, &q, &v);
+        let raised = Raised::default();
+        // The step size is the caller's: kinks are not looked for.
+        let motions = prescription(py, &compiled, closure_motion, (t0, 0.0), &raised)?;
+        let mut dynamics = Dynamics::prescribed(model, forces, &motions).map_err(|e| motion_error(py, &e))?;
+        let start = State { q, v, t: t0 };
+        let integrator = settled(&mut dynamics, start)
+            .map_err(|e| raised.take().unwrap_or_else(|| simulate_error(py, e)))?;
         let stepper = Box::new(Mutex::new(Stepper { dynamics, integrator }));
-        Ok(Simulator { compiled, tau, substeps, stepper })
+        Ok(Simulator { compiled, tau, raised, substeps, stepper })
     }
     /// Advances by ``dt`` seconds under generalized forces ``tau`` (nv,), held constant; None is no force.
     ///
@@ -132,6 +150,9 @@ impl Simulator {
             }
             stepper.advance(dt, self.substeps)
         });
+        if let Some(error) = self.raised.take() {
+            return Err(error);
+        }
         result.map_err(|(t, message)| {
             let fields = vec![
                 ("quantity", Some("step".into())),
@@ -164,11 +185,15 @@ impl Simulator {
         let t: f64 = t.extract()?;
         check_time(py, "t", t)?;
         let (Some(q), Some(v)) = start(py, &self.compiled, Some(q), Some(v))? else { return Ok(()) };
-        py.detach(|| {
+        let done = py.detach(|| {
             let mut stepper = self.stepper.lock().unwrap_or_else(PoisonError::into_inner);
-            stepper.integrator = integrator(&stepper.dynamics, t, &q, &v);
+            stepper.integrator = settled(&mut stepper.dynamics, State { t, q, v })?;
+            Ok::<(), SimulateError>(())
         });
-        Ok(())
+        if let Some(error) = self.raised.take() {
+            return Err(error);
+        }
+        done.map_err(|e| simulate_error(py, e))
     }
     fn __repr__(&self, py: Python<'_>) -> String {
         let t = py.detach(|| self.stepper.lock().unwrap_or_else(PoisonError::into_inner).integrator.t());
@@ -199,11 +224,14 @@ impl Stepper {
     }
 }
 
-fn integrator(dynamics: &Dynamics, t: f64, q: &[f64], v: &[f64]) -> Integrator {
+/// An integrator that starts from a state on the closures.
+fn settled(dynamics: &mut Dynamics, mut state: State) -> Result<Integrator, SimulateError> {
+    settle(dynamics, &mut state)?;
+    let State { t, q, v } = &state;
     let aux = vec![0.0; dynamics.auxiliary_len()];
     // The step is proposed at every call.
     let method = Method::Rk4 { step: 1.0 };
-    Integrator::new(dynamics.model(), method, Tolerances::new(1.0), t, q, v, &aux)
+    Ok(Integrator::new(dynamics.model(), method, Tolerances::new(1.0), *t, q, v, &aux))
 }
 
 fn check_time(py: Python<'_>, name: &str, t: f64) -> PyResult<()> {

@@ -58,6 +58,9 @@ mod signal;
 mod start;
 mod tree;
 
+pub use closure::DIRECTIONS;
+pub use signal::{CourseError, course};
+
 use crate::error::SimulateError;
 use crate::simulation::{Choice, Simulation};
 use phipsi_formats::{Note, Problem, Report};

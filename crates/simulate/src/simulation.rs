@@ -263,22 +263,12 @@ impl Simulation {
         let remedy = "expect as few digits, or bring masses and lengths closer together";
         Some(Problem::new(None, "model", found, required, remedy))
     }
-    /// Puts the start onto the closures and prescribed motions.
+    /// Puts the start onto the closures and prescribed motions: [`settle`].
     ///
     /// # Errors
-    /// [`SimulateError::Start`] if the closures are open by more than rounding of the given numbers explains.
+    /// As [`settle`].
     pub fn settle_start(&mut self) -> Result<Option<Projected>, SimulateError> {
-        let State { q, v, t } = &mut self.start;
-        self.dynamics.follow(*t, q, v);
-        if let Some([open, _]) = self.dynamics.closure_residual(*t, q, v)?
-            && (open.is_nan() || open > LARGEST_OPENING)
-        {
-            return Err(SimulateError::Start(format!(
-                "the closures are open by {open:e} m or rad at the start, but at most {LARGEST_OPENING:e} is required; \
-                 set `assemble = true` in [initial] (in Python: q, _ = m.assemble(q)), or correct the positions"
-            )));
-        }
-        Ok(self.dynamics.project(*t, q, v)?)
+        settle(&mut self.dynamics, &mut self.start)
     }
     /// What the plan leaves out, for people.
     pub fn left_out(&self) -> Vec<String> {
@@ -295,4 +285,22 @@ impl Simulation {
         }
         lines
     }
+}
+
+/// Puts a state onto the closures and prescribed motions.
+///
+/// # Errors
+/// [`SimulateError::Start`] if the closures are open by more than rounding of the given numbers explains.
+pub fn settle(dynamics: &mut Dynamics, state: &mut State) -> Result<Option<Projected>, SimulateError> {
+    let State { q, v, t } = state;
+    dynamics.follow(*t, q, v);
+    if let Some([open, _]) = dynamics.closure_residual(*t, q, v)?
+        && (open.is_nan() || open > LARGEST_OPENING)
+    {
+        return Err(SimulateError::Start(format!(
+            "the closures are open by {open:e} m or rad at the start, but at most {LARGEST_OPENING:e} is required; \
+             set `assemble = true` in [initial] (in Python: q, _ = m.assemble(q)), or correct the positions"
+        )));
+    }
+    Ok(dynamics.project(*t, q, v)?)
 }

@@ -1,4 +1,6 @@
 //! Scenes with closed loops and prescribed motions: published benchmarks, residuals over long runs, balances, resume.
+//!
+//! `PHIPSI_STEPS=1000000 cargo test --release -p phipsi-simulate --test all loops::a_long_run -- --nocapture` makes the long runs.
 
 use phipsi_simulate::scene::{self, Scene};
 use phipsi_simulate::{
@@ -113,27 +115,87 @@ fn run_text(text: &str) -> (Summary, Recording) {
     (summary, recording)
 }
 
-/// No drift off the closures, and none in energy beyond the integrator's.
-#[test]
-fn a_long_run_of_a_four_bar_stays_closed() {
+/// Steps of the long runs: `PHIPSI_STEPS`, or what the test takes by itself.
+fn long(default: u32) -> u32 {
+    std::env::var("PHIPSI_STEPS").map_or(default, |s| s.parse().expect("PHIPSI_STEPS is a whole number"))
+}
+
+/// A run of many steps stays closed, and loses no more energy than the order of its method says from a run of steps of twice the
+/// size over a tenth of the time, for which the error is more than a tenth of 2⁴ times its own.
+fn stays_closed(name: &str, steps: u32, step: f64, scene: &dyn Fn(&str) -> String) {
     let span = |steps: u32, step: f64| {
         let integrator =
             format!("method = \"rk4\"\nstep = {step}\nt_end = {}\nestimate = false", f64::from(steps) * step);
-        run_text(&four_bar("v.a = 8", &integrator, "[record]\nevery = 1")).0
+        run_text(&scene(&integrator)).0
     };
-    let summary = span(100_000, 1e-3);
+    let (summary, coarse) = (span(steps, step), span(steps / 20, 2.0 * step));
     let closures = summary.closures.unwrap();
-    println!("{closures:?}, energy {:.1e}, {:.1} s", summary.energy_error, summary.wall_s);
-    assert_eq!(summary.steps, 100_000);
+    println!(
+        "{name}, {} steps of {step} s: closures {:.1e} {:.1e}, removed {:.1e} J, energy {:.1e} (a tenth in steps of twice the \
+         size: {:.1e}), {:.1} s",
+        summary.steps,
+        closures.position,
+        closures.velocity,
+        closures.energy_removed,
+        summary.energy_error,
+        coarse.energy_error,
+        summary.wall_s
+    );
+    assert_eq!(summary.steps, u64::from(steps));
     assert!(closures.position <= 1e-12 && closures.velocity <= 1e-12, "{closures:?}");
-    // Order 4 where the rest is rounding: steps of twice the size over a tenth of the time drift by more than a tenth.
-    let coarse = span(5_000, 2e-3);
     assert!(
         summary.energy_error <= 10.0 * coarse.energy_error / 8.0,
         "{} {}",
         summary.energy_error,
         coarse.energy_error
     );
+}
+
+/// No drift off the closures, and none in energy beyond the integrator's.
+#[test]
+fn a_long_run_of_a_four_bar_stays_closed() {
+    // A hundred seconds: 800 rad of the crank.
+    let steps = long(100_000);
+    stays_closed("four-bar", steps, 100.0 / f64::from(steps), &|integrator| {
+        four_bar("v.a = 8", integrator, "[record]\nevery = 1")
+    });
+}
+
+/// The same of a Stewart platform on springs, let go from the first pose of its data.
+#[test]
+fn a_long_run_of_a_stewart_platform_stays_closed() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../validation/data/loops");
+    let data: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(folder.join("stewart.json")).unwrap()).unwrap();
+    let scene = |integrator: &str| {
+        let mut text = format!(
+            "[model]\nurdf = {:?}\ngravity = [0, 0, -9.81]\n[integrator]\n{integrator}\n[record]\nevery = 1\n[initial]\n",
+            folder.join("stewart.urdf")
+        );
+        for joint in data["joints"].as_array().unwrap() {
+            let first = joint["idx_q"].as_u64().unwrap() as usize;
+            let of = |i: usize| data["samples"][0]["q"][first + i].to_string();
+            let value = if joint["type"] == "JointModelFreeFlyer" {
+                format!("[{}]", (0..7).map(of).collect::<Vec<_>>().join(", "))
+            } else {
+                of(0)
+            };
+            text += &format!("q.{} = {value}\n", joint["name"].as_str().unwrap());
+        }
+        for closure in data["closures"].as_array().unwrap() {
+            text += &format!(
+                "[[closure]]\nname = {}\nkind = \"spherical\"\nbody_a = {}\npose_a = {{ xyz = {} }}\nbody_b = {}\npose_b = {{ xyz = {} }}\n",
+                closure["name"], closure["link_a"], closure["xyz_a"], closure["link_b"], closure["xyz_b"]
+            );
+        }
+        for leg in 0..6 {
+            text += &format!(
+                "[[force]]\nkind = \"spring\"\njoint = \"j_rod{leg}\"\nstiffness = 1000\nrest = 0.75\n"
+            );
+        }
+        text
+    };
+    stays_closed("Stewart platform", long(20_000), 2e-4, &scene);
 }
 
 /// The crank follows a function of time: exactly, and its actuator's work is all of the energy's change.

@@ -257,24 +257,38 @@ class Model:
     ) -> None: ...
     @property
     def closure_names(self) -> list[str]: ...
-    def assemble(self, q: ArrayLike) -> tuple[NDArray[np.float64], AssemblyInfo]: ...
-    def project_position(self, q: ArrayLike) -> tuple[NDArray[np.float64], AssemblyInfo]: ...
+    def assemble(
+        self, q: ArrayLike, closure_motion: dict[str, ArrayLike] | None = None
+    ) -> tuple[NDArray[np.float64], AssemblyInfo]: ...
+    def project_position(
+        self, q: ArrayLike, closure_motion: dict[str, ArrayLike] | None = None
+    ) -> tuple[NDArray[np.float64], AssemblyInfo]: ...
     def project_velocity(
-        self, q: ArrayLike, v: ArrayLike
+        self, q: ArrayLike, v: ArrayLike, closure_motion: dict[str, ArrayLike] | None = None
     ) -> tuple[NDArray[np.float64], VelocityProjectionInfo]: ...
     def closure_projection(self, q: ArrayLike) -> ClosureProjection: ...
     def choose_tree(self, keep: Sequence[str] | None = None) -> str: ...
     @overload
-    def closure_residual(self, q: ArrayLike, v: None = None) -> NDArray[np.float64]: ...
+    def closure_residual(
+        self, q: ArrayLike, v: None = None, closure_motion: dict[str, ArrayLike] | None = None
+    ) -> NDArray[np.float64]: ...
     @overload
     def closure_residual(
-        self, q: ArrayLike, v: ArrayLike
+        self, q: ArrayLike, v: ArrayLike, closure_motion: dict[str, ArrayLike] | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
     def closure_forces(
-        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        tau: ArrayLike,
+        closure_motion: dict[str, ArrayLike] | None = None,
     ) -> dict[str, NDArray[np.float64]]: ...
     def generalized_constraint_force(
-        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        tau: ArrayLike,
+        closure_motion: dict[str, ArrayLike] | None = None,
     ) -> NDArray[np.float64]: ...
     def inverse_dynamics(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, wrenches: dict[str, ArrayLike] | None = None
@@ -578,6 +592,7 @@ class Simulator:
         v0: ArrayLike | None = None,
         t0: float = 0.0,
         substeps: int = 1,
+        closure_motion: dict[str, dict[str, float | str] | Callable[[float], ArrayLike]] | None = None,
     ) -> Simulator: ...
     def step(self, dt: float, tau: ArrayLike | None = None) -> None: ...
     @property
@@ -598,6 +613,7 @@ def simulate(
     max_step: float | None = None,
     every: float | None = None,
     estimate: bool | None = None,
+    closure_motion: dict[str, dict[str, float | str] | Callable[[float], ArrayLike]] | None = None,
 ) -> Trajectory: ...
 
 @final

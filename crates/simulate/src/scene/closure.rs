@@ -8,7 +8,7 @@ use phipsi_model::{Closure, ClosureKind};
 use phipsi_motion::{Course, MovingClosure};
 
 /// The words of rows that can move, with those of [`ClosureKind::direction`].
-const DIRECTIONS: [(&str, &str); 7] = [
+pub const DIRECTIONS: [(&str, &str); 7] = [
     ("x", "translation along x"),
     ("y", "translation along y"),
     ("z", "translation along z"),

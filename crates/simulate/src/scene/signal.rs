@@ -5,8 +5,11 @@ use phipsi_formats::Report;
 use phipsi_formats::expression::Expression;
 use phipsi_motion::{Course, Signal};
 use std::f64::consts::PI;
+use std::fmt;
 
 const REQUIRED: &str = "a number, an expression in t in quotes, or a table [[time, value], …]";
+
+const REQUIRED_COURSE: &str = "a number, or an expression in t with a continuous rate";
 
 /// The function of time under a key that must be there. `t_end`: kinks and jumps are looked for up to this time.
 pub(crate) fn required(
@@ -93,18 +96,66 @@ pub(crate) fn course_from_node(
     t_end: f64,
     report: &mut Report,
 ) -> Option<Course> {
-    const REQUIRED: &str = "a number, or an expression in t with a continuous rate";
     if let Value::List(_) = node.value {
         let remedy = "give the velocity as a table, or the position as an expression";
-        table.error(Some(node), report, format!("{key} is a table, whose rate jumps"), REQUIRED, remedy);
+        let found = format!("{key} is a table, whose rate jumps");
+        table.error(Some(node), report, found, REQUIRED_COURSE, remedy);
         return None;
     }
-    let position = from_node(table, key, node, t_end, report)?;
     let Value::Text(text) = &node.value else {
+        let position = from_node(table, key, node, t_end, report)?;
         return Some(Course::Position { position, velocity: Signal::Constant(0.0) });
     };
-    // The text has been read once without an error.
-    let value = Expression::parse(text, &["t"], &[("pi", PI)]).ok()?;
+    match course(text, t_end) {
+        Ok(course) => Some(course),
+        Err(e) => {
+            let found = format!("{key} {}", e.found);
+            table.error(Some(node), report, found, e.required, e.remedy);
+            None
+        }
+    }
+}
+
+/// Why a text is not the course of a coordinate.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CourseError {
+    /// What is wrong with it.
+    pub found: String,
+    /// What it must be.
+    pub required: &'static str,
+    /// What to do.
+    pub remedy: &'static str,
+}
+
+impl fmt::Display for CourseError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}, but {} is required; {}", self.found, self.required, self.remedy)
+    }
+}
+
+impl std::error::Error for CourseError {}
+
+/// A coordinate that follows an expression in t, with its first and second derivatives; kinks and jumps are looked for from 0 to
+/// `t_end`, s.
+///
+/// # Errors
+/// [`CourseError`]: the text is no expression in t, or its value or its rate jumps.
+///
+/// # Example
+/// ```
+/// let course = phipsi_simulate::scene::course("0.5*t^2", 1.0)?;
+/// assert_eq!((course.position(1.0), course.velocity(1.0), course.acceleration(1.0)), (Some(0.5), Some(1.0), 1.0));
+/// assert!(phipsi_simulate::scene::course("abs(t - 0.5)", 1.0).is_err());
+/// # Ok::<(), phipsi_simulate::scene::CourseError>(())
+/// ```
+pub fn course(text: &str, t_end: f64) -> Result<Course, CourseError> {
+    let wrong = |message: String| CourseError {
+        found: format!("= {:?}: {message}", shorten(text)),
+        required: "an expression in t, constant pi",
+        remedy: "correct the expression",
+    };
+    let position = expression(text, t_end).map_err(wrong)?;
+    let value = Expression::parse(text, &["t"], &[("pi", PI)]).map_err(|e| wrong(e.to_string()))?;
     let (rate, breaks) = (value.derivative("t"), position.breaks());
     let second = rate.derivative("t");
     let velocity =
@@ -112,11 +163,14 @@ pub(crate) fn course_from_node(
     for (signal, what) in [(&position, "jumps"), (&velocity, "has a rate that jumps")] {
         if let Some(t) = jump(signal) {
             let remedy = "round the corner, for example with 3*s^2 - 2*s^3";
-            table.error(Some(node), report, format!("{key} {what} at t = {t}"), REQUIRED, remedy);
-            return None;
+            return Err(CourseError {
+                found: format!("{what} at t = {t}"),
+                required: REQUIRED_COURSE,
+                remedy,
+            });
         }
     }
-    Some(Course::Position { position, velocity })
+    Ok(Course::Position { position, velocity })
 }
 
 /// The velocity of a coordinate under a key: continuous.
