@@ -5,8 +5,8 @@ use phipsi_model::{
     Base, Beam, Body, FlexibleBody, Inertia, Joint, JointKind, Model, ModelBuilder, Placement, Section,
 };
 use phipsi_motion::{
-    Conserved, DryFriction, Dynamics, Happening, Integrator, JointSwitch, Method, Midpoint, Mode, Prescription,
-    Stops, System, Tolerances, balance,
+    Conserved, DryFriction, Dynamics, Happening, Integrator, JointSwitch, Method, Midpoint, Mode,
+    Prescription, Stops, System, Tolerances, balance,
 };
 use phipsi_recursion::Kinematics;
 
@@ -165,7 +165,8 @@ fn a_boom_strikes_its_stop() {
     // Differences of velocities lose a digit; M of modes and joints spans two.
     let rounding = 1e3 * f64::EPSILON;
     assert!(before[0] > 0.1 && (lazy[0] + 0.5 * before[0]).abs() < rounding * before[0]);
-    let layout = phipsi_recursion::Layout::<f64>::new(&model.clone().with_gravity([0.0; 3]).without_stiffness());
+    let layout =
+        phipsi_recursion::Layout::<f64>::new(&model.clone().with_gravity([0.0; 3]).without_stiffness());
     let mut inverse = phipsi_recursion::InverseDynamics::new(&layout);
     let (rest, mut impulse) = (vec![0.0; model.nv()], vec![0.0; model.nv()]);
     inverse.run(&layout, &q, &rest, &u, None, &mut impulse).unwrap();

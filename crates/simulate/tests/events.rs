@@ -267,7 +267,8 @@ fn energies_are_events() {
 /// A flexible boom with stops and friction runs as it is, without a law that creeps.
 #[test]
 fn booms_have_stops_and_friction() {
-    let boom = "flexible = { length = 1, mass_per_length = 1, bending_stiffness = [30, 20], bending = [1, 1] }";
+    let boom =
+        "flexible = { length = 1, mass_per_length = 1, bending_stiffness = [30, 20], bending = [1, 1] }";
     let text = BALL
         .replace("inertial = { mass = 1.0, inertia = { ixx = 0.1, iyy = 0.1, izz = 0.1 } }", boom)
         .replace("type = \"prismatic\"", "type = \"revolute\"")

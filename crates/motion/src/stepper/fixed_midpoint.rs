@@ -93,12 +93,7 @@ impl FixedMidpoint {
     }
 
     /// A step on which events are watched; true if one stops the run.
-    fn watched(
-        &mut self,
-        dynamics: &mut Dynamics,
-        t0: f64,
-        before: &MidpointState,
-    ) -> Result<bool, Failed> {
+    fn watched(&mut self, dynamics: &mut Dynamics, t0: f64, before: &MidpointState) -> Result<bool, Failed> {
         let n = dynamics.user_events().len();
         let [mut old, mut new, mut inside] = std::array::from_fn(|_| vec![0.0; n]);
         self.values(dynamics, t0, &mut old)?;

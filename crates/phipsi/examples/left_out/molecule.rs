@@ -42,6 +42,7 @@ pub fn row() -> Result<(String, [f64; 2]), Failure> {
         times[0].push(time(&torsion, &mut planned)?);
         times[1].push(time(&torsion, &mut general)?);
     }
-    let lines = left_out.iter().map(|l| format!("{} of {} entries of {}", l.entries[0], l.entries[1], l.term));
+    let lines =
+        left_out.iter().map(|l| format!("{} of {} entries of {}", l.entries[0], l.entries[1], l.term));
     Ok((lines.collect::<Vec<_>>().join("; "), times.map(median)))
 }
