@@ -62,7 +62,7 @@ use crate::error::SimulateError;
 use crate::simulation::{Choice, Simulation};
 use phipsi_formats::{Note, Problem, Report};
 use phipsi_model::State;
-use phipsi_motion::{MotionError, Prescription, Scheme, System as _};
+use phipsi_motion::{MotionError, Prescription, Scheme};
 use phipsi_recursion::singular_hinges;
 use std::path::{Path, PathBuf};
 use tree::Table;
