@@ -85,6 +85,10 @@ impl Dynamics {
     pub fn pass_over_stops(&mut self, pass: bool) {
         self.switches.passes_over_stops = pass;
     }
+    /// True if the passage of a user's event ends the run.
+    pub(crate) fn ends(&self, event: usize) -> bool {
+        matches!(self.switches.events[event].action, Action::Stop) && !self.switches.passes_over_stops
+    }
     /// Joints with stops and dry friction.
     pub fn switches(&self) -> &[JointSwitch] {
         &self.switches.joints
@@ -453,7 +457,7 @@ impl Events for Dynamics {
         log.push(Occurrence { t: state.t, what: Happening::Event { index: i - guards } });
         match &mut self.switches.events[i - guards].action {
             Action::Record => Ok(Consequence::default()),
-            Action::Stop => Ok(Consequence { changed: false, stop: !self.switches.passes_over_stops }),
+            Action::Stop => Ok(Consequence { changed: false, stop: self.ends(i - guards) }),
             Action::Change(change) => {
                 change(state.t, state.q, state.v);
                 self.model.normalize(state.q);

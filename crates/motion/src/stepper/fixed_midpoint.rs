@@ -10,7 +10,7 @@
 //! passes through zero and back within one step is not seen.
 
 use crate::dynamics::{Dynamics, MotionError};
-use crate::event::{Action, Happening, Occurrence};
+use crate::event::{Happening, Occurrence};
 use crate::event_search::side;
 use crate::integrate::StepInfo;
 use crate::midpoint::{Midpoint, MidpointState};
@@ -108,8 +108,7 @@ impl FixedMidpoint {
             }
         }
         passages.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let stops = |i: usize| matches!(dynamics.user_events()[i].action, Action::Stop);
-        let last = passages.iter().find(|(_, i)| stops(*i)).map(|p| p.0);
+        let last = passages.iter().find(|(_, i)| dynamics.ends(*i)).map(|p| p.0);
         for (theta, index) in passages.into_iter().filter(|p| last.is_none_or(|last| p.0 <= last)) {
             let what = Happening::Event { index };
             self.log.push(Occurrence { t: t0 + theta * self.step, what });
