@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -73,6 +74,46 @@ def test_damping_acts_and_does_work():
 def test_limits_are_named():
     r = phipsi.simulate(slider(), v0=[1.0], t_end=2.0)
     assert len(r.limits) == 1 and "rail" in r.limits[0]
+
+
+BALL = """
+[model]
+gravity = [0, 0, -10]
+[[body]]
+name = "ball"
+inertial = { mass = 1.0, inertia = { ixx = 0.1, iyy = 0.1, izz = 0.1 } }
+[[joint]]
+name = "height"
+type = "prismatic"
+parent = "world"
+child = "ball"
+axis = [0, 0, 1]
+limit = { lower = 0 }
+[initial]
+q.height = 1.25
+[integrator]
+t_end = 1.2
+[joint_stops]
+restitution = 0.5
+[[event]]
+name = "half way"
+when = "q.height - 0.625"
+"""
+
+
+def test_events_are_listed(tmp_path: Path):
+    """Half a second of fall, half way at t = √(0.125), a rebound of half a second that stays below half way."""
+    scene = tmp_path / "ball.toml"
+    scene.write_text(BALL)
+    r = phipsi.simulate(scene)
+    assert [(name, kind) for _, name, kind in r.events] == [
+        ("half way", "event"),
+        ("height", "impact"),
+        ("height", "impact"),
+    ]
+    assert np.allclose([t for t, _, _ in r.events], [math.sqrt(0.125), 0.5, 1.0], rtol=0, atol=1e-13)
+    assert pickle.loads(pickle.dumps(r)).events == r.events
+    assert phipsi.simulate(slider(), v0=[1.0], t_end=2.0).events == []
 
 
 @pytest.mark.parametrize(("method", "order"), [("rk4", 4)])

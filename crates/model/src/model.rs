@@ -279,6 +279,14 @@ impl Model {
             .with_nodes(attached.into_iter().map(|(j, node)| (self.joints[j].name.clone(), node)))
             .build()
     }
+    /// The same model whose flexible bodies have neither stiffness nor damping: what an impulse meets.
+    pub fn without_stiffness(mut self) -> Self {
+        for flexible in self.bodies.iter_mut().filter_map(|b| b.flexible.as_mut()) {
+            flexible.stiffness.fill(0.0);
+            flexible.damping.fill(0.0);
+        }
+        self
+    }
     /// The tree alone: the same model without closures and couplings.
     pub fn without_closures(mut self) -> Self {
         self.closures.clear();

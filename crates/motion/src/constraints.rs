@@ -36,7 +36,7 @@ pub(crate) struct Constraints {
     rates: Vec<f64>,
     /// The same in double-double, near singular positions; none without closures.
     wide: Option<Box<Wide>>,
-    /// The same mechanism without weight, for impulses; none where nothing strikes.
+    /// The same mechanism without weight and stiffness, for impulses; none where nothing strikes.
     still: Option<Box<ClosedDynamics<f64>>>,
 }
 

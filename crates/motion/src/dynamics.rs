@@ -498,9 +498,9 @@ impl Conservative for Dynamics {
         if self.is_prescribed() {
             return Err(MotionError::Driven);
         }
-        if self.functions() > 0 {
-            let what =
-                "the midpoint method knows no events, stops and dry friction; use \"dop853\" or \"tsit5\"";
+        if self.is_switching() {
+            let what = "the midpoint method knows no stops, dry friction and events that change the state; \
+                        use \"dop853\" or \"tsit5\"";
             return Err(MotionError::Switch { what: what.into() });
         }
         if let Some(force) = self.forces.iter().find(|f| !f.needs().conservative || !f.auxiliary().is_empty())

@@ -26,7 +26,23 @@ impl Direction {
     }
 }
 
-type Function = dyn FnMut(&Situation<'_>) -> f64 + Send;
+/// Energies of a mechanism at one instant, J.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Energies {
+    /// Kinetic energy.
+    pub kinetic: f64,
+    /// Potential energy of gravity, strain and conservative forces.
+    pub potential: f64,
+}
+
+/// What an event looks at.
+pub(crate) enum Function {
+    /// Time and state.
+    Motion(Box<dyn FnMut(&Situation<'_>) -> f64 + Send>),
+    /// Energies besides.
+    Energy(Box<dyn FnMut(&Situation<'_>, Energies) -> f64 + Send>),
+}
+
 type Change = dyn FnMut(f64, &mut [f64], &mut [f64]) + Send;
 
 /// What an event does.
@@ -69,7 +85,7 @@ pub struct Event {
     pub action: Action,
     /// True if the function looks at poses and velocities of bodies.
     pub kinematics: bool,
-    pub(crate) function: Box<Function>,
+    pub(crate) function: Function,
 }
 
 impl fmt::Debug for Event {
@@ -87,7 +103,27 @@ impl Event {
         action: Action,
         function: impl FnMut(&Situation<'_>) -> f64 + Send + 'static,
     ) -> Self {
-        Event { name: name.into(), direction, action, kinematics: false, function: Box::new(function) }
+        let function = Function::Motion(Box::new(function));
+        Event { name: name.into(), direction, action, kinematics: false, function }
+    }
+    /// An event of a function of (t, q, v) and the energies there, which cost O(n) at every look. An energy that the motion conserves passes
+    /// through its own value by rounding only: compare it with another one.
+    pub fn of_energies(
+        name: impl Into<String>,
+        direction: Direction,
+        action: Action,
+        function: impl FnMut(&Situation<'_>, Energies) -> f64 + Send + 'static,
+    ) -> Self {
+        let function = Function::Energy(Box::new(function));
+        Event { name: name.into(), direction, action, kinematics: false, function }
+    }
+    /// True if its function looks at energies.
+    pub fn looks_at_energies(&self) -> bool {
+        matches!(self.function, Function::Energy(_))
+    }
+    /// True if it changes the state.
+    pub fn changes(&self) -> bool {
+        matches!(self.action, Action::Change(_))
     }
     /// The same, whose function looks at poses and velocities of bodies.
     pub fn with_kinematics(mut self) -> Self {

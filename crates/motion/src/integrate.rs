@@ -118,10 +118,18 @@ impl<E: fmt::Display> IntegrateError<E> {
             IntegrateError::StepUnderflow { t, h, cause: Some(c) } => {
                 format!("at t = {t} no step of size {h:e} or more succeeds: {}", cause(c))
             }
-            IntegrateError::StepUnderflow { t, h, cause: None } => format!(
-                "at t = {t} the step size fell to {h:e} without meeting the tolerance; \
-                 loosen rtol, or look for a force that is not smooth there"
-            ),
+            IntegrateError::StepUnderflow { t, h, cause: None } => {
+                let resolved = 4.0 * f64::EPSILON * t.abs();
+                // Where a microsecond is not resolved, the clock is what is wrong, and not the forces.
+                let remedy = match resolved > 1e-6 {
+                    true => "count time from a zero that is nearer",
+                    false => "loosen rtol, or look for a force that is not smooth there",
+                };
+                format!(
+                    "at t = {t} the step size fell to {h:e} without meeting the tolerance, and time resolves {resolved:.0e} \
+                     there; {remedy}"
+                )
+            }
             IntegrateError::Start { t, cause: c } => format!("at t = {t}: {}", cause(c)),
             IntegrateError::Endless { t, events } => format!(
                 "at t = {t} {events} events follow each other without time between them; look for an event whose change \

@@ -41,7 +41,9 @@ pub use conservative::Conservative;
 pub use conserved::{Balance, Conserved, balance};
 pub use dynamics::{Dynamics, MotionError};
 pub use error_estimate::{ErrorEstimate, JudgedRun, estimate_error};
-pub use event::{Action, Changing, Consequence, Direction, Event, Events, Happening, Mode, Occurrence};
+pub use event::{
+    Action, Changing, Consequence, Direction, Energies, Event, Events, Happening, Mode, Occurrence,
+};
 pub use extrapolation::{Extrapolation, ExtrapolationError, coordinate_rate};
 pub use force::{Force, ForceError, Loads, Needs, Situation};
 pub use force_rates::{LoadRates, PointRates};

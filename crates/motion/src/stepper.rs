@@ -7,8 +7,11 @@ use crate::midpoint::{Midpoint, MidpointState};
 use crate::midpoint_error::MidpointError;
 use crate::system::{Projected, System};
 use phipsi_model::{Model, State};
-use phipsi_recursion::DynamicsError;
 use std::fmt;
+
+mod fixed_midpoint;
+
+use fixed_midpoint::FixedMidpoint;
 
 /// How a simulation advances.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,25 +107,6 @@ enum Kind {
     Midpoint(Box<FixedMidpoint>),
 }
 
-/// The midpoint method at the times t₀ + n h.
-struct FixedMidpoint {
-    method: Midpoint,
-    start: f64,
-    step: f64,
-    velocity: Vec<f64>,
-}
-
-impl FixedMidpoint {
-    fn t(&self) -> f64 {
-        self.start + self.method.state().steps as f64 * self.step
-    }
-    fn settle(&mut self) -> Result<(), DynamicsError> {
-        let velocity = self.method.velocity()?;
-        self.velocity.copy_from_slice(velocity);
-        Ok(())
-    }
-}
-
 impl Stepper {
     /// At a state, with auxiliary quantities `aux` (the midpoint method has none).
     ///
@@ -144,7 +128,7 @@ impl Stepper {
             Scheme::Midpoint { step } => {
                 let model = dynamics.model().clone();
                 let method = Midpoint::new(&model, dynamics, *t, q, v).map_err(StepError::Midpoint)?;
-                Kind::Midpoint(Box::new(FixedMidpoint { method, start: *t, step, velocity: v.clone() }))
+                Kind::Midpoint(Box::new(FixedMidpoint::new(method, *t, step, v)))
             }
         }))
     }
@@ -184,11 +168,11 @@ impl Stepper {
             Kind::Midpoint(m) => [m.method.state().steps, 0, m.method.state().steps + 1],
         }
     }
-    /// What happened in the last step; empty for the midpoint method, which knows no events.
+    /// What happened in the last step.
     pub fn occurrences(&self) -> &[Occurrence] {
         match &self.0 {
             Kind::Explicit(i) => i.occurrences(),
-            Kind::Midpoint(_) => &[],
+            Kind::Midpoint(m) => &m.log,
         }
     }
     /// Modes of the joints with stops or friction.
@@ -219,14 +203,7 @@ impl Stepper {
                 i.forget_occurrences();
                 i.step(dynamics, limit, is_break).map_err(StepError::Explicit)
             }
-            Kind::Midpoint(m) => {
-                let t0 = m.t();
-                m.method.step(dynamics, m.step).map_err(StepError::Midpoint)?;
-                let failed = |cause| StepError::Midpoint(MidpointError::Dynamics { t: t0, cause });
-                m.settle().map_err(failed)?;
-                let projected = m.method.residual().map_err(failed)?;
-                Ok(StepInfo { t0, t1: m.t(), projected, event: false, stop: false })
-            }
+            Kind::Midpoint(m) => m.advance(dynamics).map_err(StepError::Midpoint),
         }
     }
     /// What is open of the closures of the midpoint method; `None` for trees and explicit methods.
@@ -247,6 +224,7 @@ impl Stepper {
         act: impl FnOnce(&mut Midpoint, f64) -> Result<R, MidpointError<MotionError>>,
     ) -> Result<Option<R>, StepError> {
         let Kind::Midpoint(m) = &mut self.0 else { return Ok(None) };
+        m.log.clear();
         let t = m.t();
         let done = act(&mut m.method, m.step).map_err(StepError::Midpoint)?;
         m.settle().map_err(|cause| StepError::Midpoint(MidpointError::Dynamics { t, cause }))?;
@@ -294,9 +272,7 @@ impl Stepper {
                 }
                 fits
             }
-            (Kind::Midpoint(m), StepperState::Midpoint(s)) => {
-                m.method.restore(s).is_ok() && m.settle().is_ok()
-            }
+            (Kind::Midpoint(m), StepperState::Midpoint(s)) => m.restore(s),
             _ => false,
         }
     }

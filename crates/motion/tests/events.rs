@@ -4,7 +4,8 @@ use crate::common::*;
 use phipsi_model::{Body, Inertia, Joint, JointKind, Model, ModelBuilder};
 use phipsi_motion::forces::JointSpring;
 use phipsi_motion::{
-    Action, Direction, Dynamics, Event, Happening, Integrator, Method, Occurrence, System, Tolerances,
+    Action, Direction, Dynamics, Event, Happening, Integrator, Method, Occurrence, Scheme, Stepper, System,
+    Tolerances,
 };
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -261,4 +262,70 @@ fn events_without_time_between_them_are_refused() {
     let failed = (0..1000).find_map(|_| i.step(&mut dynamics, 10.0, false).err());
     let text = failed.unwrap().describe(&slider());
     assert!(text.contains("without time between them"), "{text}");
+}
+
+/// A pendulum's kinetic energy passes a level where its height says, sin² + cos² = 1 says the rest; a conserved sum does not pass.
+#[test]
+fn energies_pass_levels() {
+    let looks = |name: &str, level: f64, total: bool| {
+        Event::of_energies(name, Direction::Either, Action::Record, move |_, e| {
+            e.kinetic + if total { e.potential } else { 0.0 } - level
+        })
+    };
+    // x = cos t, kinetic ½ sin² t, potential ½ cos² t.
+    let mut dynamics = oscillator(vec![looks("kinetic", 0.25, false), looks("total", 0.4, true)]);
+    let (found, _) = happenings(&mut dynamics, Method::Dop853, 1e-11, (&[1.0], &[0.0]), 4.0);
+    let quarter = FRAC_PI_2 / 2.0;
+    // Errors of the motion at 1e-11, as above.
+    all_near(&times(&found, 0), &[quarter, 3.0 * quarter, 5.0 * quarter], 5e-9);
+    assert!(times(&found, 1).is_empty());
+}
+
+fn midpoint(events: Vec<Event>, t_end: f64) -> (Vec<(f64, f64)>, Vec<Occurrence>, Stepper, Dynamics) {
+    let mut dynamics = oscillator(events);
+    let start = phipsi_model::State { q: vec![1.0], v: vec![0.0], t: 0.0 };
+    let scheme = Scheme::Midpoint { step: 0.1 };
+    let mut stepper = Stepper::new(&mut dynamics, scheme, Tolerances::new(1e-9), &start, &[]).unwrap();
+    let (mut states, mut found) = (vec![(1.0, 0.0)], Vec::new());
+    while stepper.t() < t_end - 1e-6 {
+        let info = stepper.step(&mut dynamics, t_end, false).unwrap();
+        found.extend_from_slice(stepper.occurrences());
+        assert_eq!(info.t1, stepper.t());
+        states.push((stepper.q()[0], stepper.v()[0]));
+        if info.stop {
+            break;
+        }
+    }
+    (states, found, stepper, dynamics)
+}
+
+/// On an oscillator the midpoint method's steps are parabolas, q + s v − s² q/2: where one is zero is known. What is recorded leaves no
+/// trace in the motion, and a stop ends the run at the root.
+#[test]
+fn the_midpoint_method_knows_where_its_steps_pass() {
+    let zero = |action| Event::new("zero", Direction::Either, action, |at| at.q[0]);
+    let clock = Event::new("clock", Direction::Rising, Action::Record, |at| at.t - 2.25);
+    let (bare, none, ..) = midpoint(vec![], 10.0);
+    let (states, found, ..) = midpoint(vec![zero(Action::Record), clock], 10.0);
+    assert!(none.is_empty() && states == bare);
+    let root = |n: usize| {
+        let (q, v) = bare[n];
+        let root = (v * v + 2.0 * q * q).sqrt();
+        let s = if v < 0.0 { 2.0 * q / (root - v) } else { -2.0 * q / (root + v) };
+        0.1 * n as f64 + s
+    };
+    let passes = |n: &usize| bare[*n].0 * bare[n + 1].0 < 0.0;
+    let want: Vec<f64> = (0..bare.len() - 1).filter(passes).map(root).collect();
+    // Rounding of time, and of q over its rate.
+    all_near(&times(&found, 0), &want, 1e-14);
+    assert_eq!(want.len(), 3);
+    all_near(&times(&found, 1), &[2.25], 1e-14);
+    let (states, found, mut stepper, mut dynamics) = midpoint(vec![zero(Action::Stop)], 10.0);
+    assert_eq!((found.len(), found[0].t), (1, stepper.t()));
+    assert!((stepper.t() - want[0]).abs() < 1e-14 && states[states.len() - 1].0.abs() < 1e-15);
+    // A checkpoint there is of that place.
+    let kept = stepper.checkpoint();
+    let (t, q, v) = (stepper.t(), stepper.q().to_vec(), stepper.v().to_vec());
+    stepper.step(&mut dynamics, 10.0, false).unwrap();
+    assert!(stepper.restore(kept) && (stepper.t(), stepper.q(), stepper.v()) == (t, &q[..], &v[..]));
 }

@@ -52,7 +52,9 @@ impl RunError {
 /// ``potential_energy`` and ``work`` (of actuators, dampers, friction) apart. ``momentum``: (n, 6), angular about the center
 /// of mass, then linear, world axes; zeros unless the base is free. ``error``: a RunError. ``outputs``: {name: (n,)} of a
 /// scene. ``method``, ``steps``, ``rejected``, ``evaluations``, ``wall_s``: how it was computed. ``limits``, ``left_out``,
-/// ``approximated``: joint limits that were passed, what the plan left out, what was simplified; lists of text.
+/// ``approximated``: joint limits that were passed, what the plan left out, what was simplified; lists of text. ``events``: what was
+/// located, in the order of time, each ``(time, name, kind)``: the name of the event or of the joint, and "event", "impact", "rest",
+/// "leave", "stick" or "slip".
 #[pyclass(frozen, get_all, module = "phipsi")]
 pub struct Trajectory {
     /// Times, s; (n,).
@@ -87,6 +89,8 @@ pub struct Trajectory {
     pub wall_s: Option<f64>,
     /// Joint limits that were passed.
     pub limits: Vec<String>,
+    /// Located events: time, name, kind.
+    pub events: Vec<(f64, String, String)>,
     /// What the plan left out.
     pub left_out: Vec<String>,
     /// What was simplified.
@@ -164,6 +168,9 @@ impl Trajectory {
             evaluations: summary.map(|s| s.evaluations),
             wall_s: summary.map(|s| s.wall_s),
             limits: summary.map_or(Vec::new(), |s| limits_in_words(&s.limits)),
+            events: summary.map_or(Vec::new(), |s| {
+                s.events.iter().map(|e| (e.t, e.name.clone(), e.kind.clone())).collect()
+            }),
             left_out: simulation.left_out(),
             approximated: simulation.approximated.clone(),
         })
@@ -225,6 +232,7 @@ impl Trajectory {
             evaluations: item(state, "evaluations")?,
             wall_s: item(state, "wall_s")?,
             limits: item(state, "limits")?,
+            events: item(state, "events")?,
             left_out: item(state, "left_out")?,
             approximated: item(state, "approximated")?,
         })
@@ -249,6 +257,7 @@ impl Trajectory {
                 "evaluations",
                 "wall_s",
                 "limits",
+                "events",
                 "left_out",
                 "approximated",
             ],

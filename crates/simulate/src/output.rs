@@ -1,7 +1,7 @@
 //! Outputs of a scene: numbers that are computed from a state, by name.
 
 use phipsi_model::Model;
-use phipsi_motion::Balance;
+use phipsi_motion::{Balance, Energies};
 use phipsi_recursion::{Kinematics, Layout};
 use phipsi_spatial::Vec3;
 
@@ -96,13 +96,23 @@ impl Quantity {
     }
 }
 
+impl EnergyKind {
+    /// Its value where these are the energies.
+    pub fn of(self, Energies { kinetic, potential }: Energies) -> f64 {
+        match self {
+            EnergyKind::Kinetic => kinetic,
+            EnergyKind::Potential => potential,
+            EnergyKind::Total => kinetic + potential,
+        }
+    }
+}
+
 impl Output {
     /// Its value at a state.
     pub fn value(&self, at: &Measured<'_>) -> f64 {
+        let &Balance { kinetic, potential, .. } = at.balance;
         match &self.quantity {
-            Quantity::Energy(EnergyKind::Kinetic) => at.balance.kinetic,
-            Quantity::Energy(EnergyKind::Potential) => at.balance.potential,
-            Quantity::Energy(EnergyKind::Total) => at.balance.kinetic + at.balance.potential,
+            Quantity::Energy(kind) => kind.of(Energies { kinetic, potential }),
             other => other.of_motion(at.layout, Some(at.kinematics), at.q, at.v).unwrap_or(f64::NAN),
         }
     }

@@ -6,150 +6,24 @@ use crate::output::{Measured, reference_error};
 use crate::record::{LimitPassed, Observer, Row, StepRecord};
 use crate::simulation::Simulation;
 use phipsi_model::Model;
-use phipsi_molecule::{Bath, BathState, Trials};
+use phipsi_molecule::Bath;
 use phipsi_motion::{
-    Balance, Conserved, Dynamics, ErrorEstimate, Events, JudgedRun, Linearization, Method, MotionError,
-    Occurrence, Projected, Scheme, StepError, StepInfo, Stepper, StepperState, System, balance,
-    estimate_error,
+    Balance, Conserved, Dynamics, ErrorEstimate, Occurrence, Scheme, StepError, StepInfo, Stepper, System,
+    balance,
 };
 use phipsi_recursion::{DynamicsError, Kinematics};
-use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
-/// Most instants at which a run is compared with its companion.
-const JUDGED_SAMPLES: usize = 256;
+mod estimate;
+mod results;
 
-/// How well closures were kept.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct ClosureRecord {
-    /// Largest residual of positions at the ends of steps, m or rad.
-    pub position: f64,
-    /// Largest residual of velocities, m/s or rad/s.
-    pub velocity: f64,
-    /// Kinetic energy of all that projections took from the velocities, J.
-    pub energy_removed: f64,
-}
+pub use results::{ClosureRecord, Progress, RunState, Summary};
 
-impl ClosureRecord {
-    fn of(p: &Projected) -> Self {
-        let Projected { position, velocity, energy_removed } = *p;
-        ClosureRecord { position, velocity, energy_removed }
-    }
-    /// Takes a further projection into account.
-    fn record(&mut self, p: &Projected) {
-        let larger = |a: f64, b: f64| if b.is_nan() { b } else { a.max(b) };
-        self.position = larger(self.position, p.position);
-        self.velocity = larger(self.velocity, p.velocity);
-        self.energy_removed += p.energy_removed;
-    }
-}
+/// Steps after which a run looks whether its end is within reach.
+const LOOK_AHEAD: u64 = 100_000;
 
-/// Everything that continues a run bit for bit.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct RunState {
-    /// State of the integration scheme.
-    pub stepper: StepperState,
-    /// State of the heat bath, where there is one.
-    #[serde(default)]
-    pub bath: Option<BathState>,
-    /// Balances so far.
-    pub conserved: Conserved,
-    /// Closures so far.
-    #[serde(default)]
-    pub closures: Option<ClosureRecord>,
-    /// Rows recorded so far.
-    pub rows: u64,
-    /// Steps recorded so far.
-    pub steps: u64,
-    /// Limits passed so far.
-    pub limits: Vec<LimitPassed>,
-    /// What happened so far.
-    #[serde(default)]
-    pub events: Vec<Occurrence>,
-    /// True if an event has ended the run.
-    #[serde(default)]
-    pub ended: bool,
-    /// Wall time spent so far, s.
-    pub wall_s: f64,
-}
-
-/// A look at a run between two steps.
-pub struct Progress<'a> {
-    /// Time.
-    pub t: f64,
-    /// End of the run.
-    pub t_end: f64,
-    /// Limits passed so far.
-    pub limits: &'a [LimitPassed],
-    stepper: &'a Stepper,
-    bath: Option<&'a Bath>,
-    conserved: &'a Conserved,
-    closures: Option<ClosureRecord>,
-    events: &'a [Occurrence],
-    ended: bool,
-    rows: u64,
-    steps: u64,
-    wall_s: f64,
-}
-
-impl Progress<'_> {
-    /// A copy of everything that continues the run.
-    pub fn state(&self) -> RunState {
-        RunState {
-            stepper: self.stepper.checkpoint(),
-            bath: self.bath.map(Bath::state),
-            conserved: self.conserved.clone(),
-            closures: self.closures,
-            rows: self.rows,
-            steps: self.steps,
-            limits: self.limits.to_vec(),
-            events: self.events.to_vec(),
-            ended: self.ended,
-            wall_s: self.wall_s,
-        }
-    }
-}
-
-/// What a run came to.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Summary {
-    /// Time, configuration and velocity at the end.
-    pub t: f64,
-    /// Configuration.
-    pub q: Vec<f64>,
-    /// Velocity.
-    pub v: Vec<f64>,
-    /// The scene's outputs at the end, by name.
-    pub outputs: Vec<(String, f64)>,
-    /// Accepted steps.
-    pub steps: u64,
-    /// Rejected steps.
-    pub rejected: u64,
-    /// Evaluations of the equations of motion by the run itself.
-    pub evaluations: u64,
-    /// Wall time, s, the error estimate included.
-    pub wall_s: f64,
-    /// The estimated error at the end; `None` if it was left out or stopped.
-    pub error_estimate: Option<ErrorEstimate>,
-    /// Relative imbalance of energy.
-    pub energy_error: f64,
-    /// Trajectories of Monte Carlo and refused drifts, where there is a bath.
-    pub trials: Option<Trials>,
-    /// Relative imbalances of angular and linear momentum; `None` where the base is not free, and where a bath changes them.
-    pub momentum_error: Option<[f64; 2]>,
-    /// How well closures were kept; `None` without closures.
-    pub closures: Option<ClosureRecord>,
-    /// Largest relative error of outputs with known values.
-    pub reference_error: Option<f64>,
-    /// Limits that were passed.
-    pub limits: Vec<LimitPassed>,
-    /// Events, impacts, stick and slip, in the order of time.
-    pub events: Vec<EventRecord>,
-    /// True if an event ended the run.
-    pub ended_by_event: bool,
-    /// False if an observer stopped the run.
-    pub finished: bool,
-}
+/// More steps than these have no end: thirty years at a microsecond each, and time does not tell that many apart.
+const MOST_STEPS: f64 = 1e15;
 
 /// Runs a simulation from its start.
 ///
@@ -280,6 +154,7 @@ impl<'a> Runner<'a> {
             self.record_due(observer)?;
         }
         let mut stopped = observer.stop();
+        let mut mark = (self.stepper.t(), self.steps);
         // A fixed step that ends within rounding of the end has reached it.
         let last = t_end - self.simulation.choice.method.fixed_step().map_or(0.0, |step| 1e-6 * step);
         while !stopped && !self.ended && self.stepper.t() < last {
@@ -294,6 +169,13 @@ impl<'a> Runner<'a> {
                 return Err(e);
             }
             stopped = observer.stop();
+            if self.steps - mark.1 >= LOOK_AHEAD {
+                if let Err(e) = self.look_ahead(mark.0) {
+                    let _ = observer.stopped(&self.progress());
+                    return Err(e);
+                }
+                mark = (self.stepper.t(), self.steps);
+            }
         }
         if stopped {
             observer.stopped(&self.progress())?;
@@ -308,6 +190,22 @@ impl<'a> Runner<'a> {
             stopped = observer.stop();
         }
         self.summary(estimate, !stopped)
+    }
+
+    /// Refuses an end that steps like those since `before` do not reach.
+    fn look_ahead(&self, before: f64) -> Result<(), SimulateError> {
+        let (t, t_end, unit) = (self.stepper.t(), self.simulation.t_end, self.simulation.time_unit());
+        let step = (t - before) / LOOK_AHEAD as f64;
+        let left = (t_end - t) / step;
+        if left <= MOST_STEPS {
+            return Ok(());
+        }
+        let message = format!(
+            "after {} steps the run is at t = {t:e} {unit} and goes on by {step:.1e} {unit} a step: its end at t = {t_end:e} {unit} \
+             is {left:.0e} steps away, but at most {MOST_STEPS:e} are within reach; choose an earlier t_end, or let an event stop the run",
+            self.steps
+        );
+        Err(SimulateError::Stopped { t, message })
     }
 
     /// One accepted step with everything that is looked at after it.
@@ -432,41 +330,6 @@ impl<'a> Runner<'a> {
         }
     }
 
-    fn estimate(
-        &mut self,
-        method: Method,
-        breaks: &[f64],
-        observer: &mut dyn Observer,
-    ) -> Result<Option<ErrorEstimate>, SimulateError> {
-        let steps = observer.step_ends()?;
-        let samples = observer.spread_rows(JUDGED_SAMPLES)?;
-        let Simulation { dynamics, start, tolerances, .. } = &mut *self.simulation;
-        dynamics.pass_over_stops(true);
-        let aux = vec![0.0; dynamics.auxiliary_len()];
-        let judged = JudgedRun {
-            method,
-            tolerances: *tolerances,
-            start: (start.t, &start.q, &start.v, &aux),
-            steps: &steps,
-            breaks,
-            samples: &samples,
-            events: &self.events,
-        };
-        let mut watched = Watched { dynamics, stop: &|| observer.stop() };
-        let estimate = estimate_error(&mut watched, &judged);
-        watched.dynamics.pass_over_stops(false);
-        match estimate {
-            Ok(_) if observer.stop() => Ok(None),
-            Ok(estimate) => Ok(Some(estimate)),
-            Err(_) if observer.stop() => Ok(None),
-            // The run itself has succeeded: that there is no estimate is a result too.
-            Err(e) => {
-                let how = format!("none: the companion run stopped, {}", e.describe(self.simulation.model()));
-                Ok(Some(ErrorEstimate { q: None, v: None, horizon: None, how, evaluations: 0 }))
-            }
-        }
-    }
-
     fn summary(
         mut self,
         error_estimate: Option<ErrorEstimate>,
@@ -536,56 +399,6 @@ fn measure(
     let energy = [balance.kinetic, balance.potential, balance.work];
     let terms = dynamics.term_energies(t, &q, &v)?;
     Ok(Row { t, energy, terms, momentum: balance.momentum.to_array(), outputs, q, v })
-}
-
-/// A system that gives up when the user wants to stop: an estimate has no steps of its own to stop after.
-struct Watched<'a> {
-    dynamics: &'a mut Dynamics,
-    stop: &'a dyn Fn() -> bool,
-}
-
-impl System for Watched<'_> {
-    type Error = MotionError;
-    fn model(&self) -> &Model {
-        self.dynamics.model()
-    }
-    fn auxiliary_len(&self) -> usize {
-        self.dynamics.auxiliary_len()
-    }
-    fn derivative(
-        &mut self,
-        t: f64,
-        q: &[f64],
-        v: &[f64],
-        aux: &[f64],
-        v_dot: &mut [f64],
-        aux_dot: &mut [f64],
-    ) -> Result<(), MotionError> {
-        if (self.stop)() {
-            let message = "stopped by the user".into();
-            return Err(MotionError::Force(phipsi_motion::ForceError { force: "run".into(), t, message }));
-        }
-        self.dynamics.derivative(t, q, v, aux, v_dot, aux_dot)
-    }
-    fn is_autonomous(&self) -> bool {
-        self.dynamics.is_autonomous()
-    }
-    fn events(&mut self) -> Option<&mut dyn Events<Error = MotionError>> {
-        self.dynamics.events()
-    }
-    fn linearize(
-        &mut self,
-        t: f64,
-        q: &[f64],
-        v: &[f64],
-        aux: &[f64],
-        out: &mut Linearization,
-    ) -> Result<u64, MotionError> {
-        self.dynamics.linearize(t, q, v, aux, out)
-    }
-    fn project(&mut self, t: f64, q: &mut [f64], v: &mut [f64]) -> Result<Option<Projected>, MotionError> {
-        self.dynamics.project(t, q, v)
-    }
 }
 
 impl SimulateError {

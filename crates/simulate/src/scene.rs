@@ -65,7 +65,7 @@ use crate::error::SimulateError;
 use crate::simulation::{Choice, Simulation};
 use phipsi_formats::{Note, Problem, Report};
 use phipsi_model::State;
-use phipsi_motion::{MotionError, Prescription, Scheme, System as _};
+use phipsi_motion::{MotionError, Prescription, Scheme};
 use phipsi_recursion::singular_hinges;
 use std::path::{Path, PathBuf};
 use tree::Table;
@@ -239,7 +239,7 @@ fn read(
         Err(e) => {
             let (required, remedy) = match e {
                 MotionError::Switch { .. } => (
-                    "stops with room between them and friction of rigid bodies",
+                    "stops with room between them, and friction of 0 or more",
                     "correct the joint, or name those with stops in [joint_stops]",
                 ),
                 _ => (
@@ -266,10 +266,14 @@ fn read(
     simulation.molecule = molecule;
     simulation.choice = settings.choice;
     let is_constrained = simulation.dynamics.is_constrained();
-    let has_events = simulation.dynamics.events().is_some();
     match simulation.choice.method {
-        Scheme::Midpoint { .. } if has_events => {
-            let found = "method = \"midpoint\" with events, joint stops or dry friction";
+        Scheme::Midpoint { .. } if simulation.has_bath() && !simulation.dynamics.user_events().is_empty() => {
+            let found = "events with a heat bath, whose kicks leave no passage to look for";
+            let remedy = "remove [[event]], or set ensemble = \"nve\"";
+            report.errors.push(Problem::new(None, "integrator", found, "constant energy", remedy));
+        }
+        Scheme::Midpoint { .. } if simulation.dynamics.is_switching() => {
+            let found = "method = \"midpoint\" with joint stops or dry friction";
             let (required, remedy) =
                 ("an adaptive method or \"rk4\"", "use \"dop853\", \"tsit5\" or \"rodas5p\"");
             report.errors.push(Problem::new(None, "integrator", found, required, remedy));

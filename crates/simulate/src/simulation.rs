@@ -151,8 +151,7 @@ impl Simulation {
     pub fn new(model: &Model, forces: Vec<Box<dyn Force>>, t_end: f64) -> Result<Self, MotionError> {
         Self::prescribed(model, forces, &Prescription::default(), t_end, JointBehavior::default())
     }
-    /// The same where motions are given as functions of time, and limits and dry friction act as said. Joints of models with flexible
-    /// bodies cannot be held: their friction is regularised.
+    /// The same where motions are given as functions of time, and limits and dry friction act as said.
     ///
     /// # Errors
     /// As [`Simulation::new`]; [`MotionError::Prescription`].
@@ -161,12 +160,9 @@ impl Simulation {
         mut forces: Vec<Box<dyn Force>>,
         prescription: &Prescription,
         t_end: f64,
-        mut behavior: JointBehavior,
+        behavior: JointBehavior,
     ) -> Result<Self, MotionError> {
         let mut approximated = Vec::new();
-        if model.bodies().iter().any(|b| b.flexible.is_some()) {
-            behavior.friction_speed.get_or_insert(JointDissipation::SPEED);
-        }
         let dissipation = match behavior.friction_speed {
             Some(speed) => JointDissipation::new(model, speed),
             None => JointDissipation::damping(model),

@@ -50,6 +50,12 @@ fn runs_are_right_or_say_how_wrong_they_are() {
         let finding = scene.run();
         assert_eq!(finding.measured.outcome, Outcome::Right, "{finding:?}");
     }
+    for (name, remedy) in [("late-1e17", "a zero that is nearer"), ("swing-1e300", "choose an earlier t_end")]
+    {
+        let finding = select(Some(name)).unwrap().remove(0).run();
+        assert_eq!(finding.measured.outcome, Outcome::Refused, "{finding:?}");
+        assert!(finding.measured.message.contains(remedy), "{finding:?}");
+    }
 }
 
 #[test]

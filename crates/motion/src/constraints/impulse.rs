@@ -14,7 +14,8 @@ use phipsi_spatial::Wrench;
 impl Constraints {
     /// Makes it ready for impulses.
     pub(crate) fn with_impulses(mut self, model: &Model) -> Result<Self, MotionError> {
-        let still = model.clone().with_gravity([0.0; 3]);
+        // Weight and elastic forces have no impulse.
+        let still = model.clone().with_gravity([0.0; 3]).without_stiffness();
         self.still = Some(Box::new(ClosedDynamics::new(&still)?));
         Ok(self)
     }

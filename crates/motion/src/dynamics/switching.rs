@@ -14,7 +14,9 @@
 
 use super::{Dynamics, MotionError, Solver};
 use crate::constraints::Constraints;
-use crate::event::{Action, Changing, Consequence, Direction, Event, Events, Happening, Mode, Occurrence};
+use crate::event::{
+    Action, Changing, Consequence, Direction, Energies, Event, Events, Function, Happening, Mode, Occurrence,
+};
 use crate::force::Situation;
 use crate::impact::impulses;
 use crate::integrate::Tolerances;
@@ -23,6 +25,7 @@ use crate::prescription::Prescription;
 use crate::switch::{JointSwitch, Switches};
 use crate::system::System;
 use phipsi_model::Model;
+use phipsi_recursion::{kinetic_energy, potential_energy};
 
 mod resting;
 
@@ -39,7 +42,7 @@ impl Dynamics {
     /// With motions that are given, and joints with stops and dry friction.
     ///
     /// # Errors
-    /// As [`Dynamics::prescribed`]; [`MotionError::Switch`] for stops and friction that cannot be, and in models with flexible bodies.
+    /// As [`Dynamics::prescribed`]; [`MotionError::Switch`] for stops and friction that cannot be.
     pub fn switching(
         model: &Model,
         forces: Vec<Box<dyn crate::Force>>,
@@ -52,10 +55,6 @@ impl Dynamics {
         let switches = Switches::new(model, joints)?;
         let mut plan = Plan::new(model, &forces).with_prescription(model, prescription);
         if !switches.joints.is_empty() {
-            if model.bodies().iter().any(|b| b.flexible.is_some()) {
-                let what = "stops and dry friction in a model with flexible bodies, which cannot be held";
-                return Err(MotionError::Switch { what: what.into() });
-            }
             plan = plan.with_switches(model, switches.joints.iter().map(|j| j.dof));
         }
         let mut dynamics = Self::planned(model, forces, plan, prescription)?;
@@ -86,6 +85,10 @@ impl Dynamics {
     pub fn pass_over_stops(&mut self, pass: bool) {
         self.switches.passes_over_stops = pass;
     }
+    /// True if the passage of a user's event ends the run.
+    pub(crate) fn ends(&self, event: usize) -> bool {
+        matches!(self.switches.events[event].action, Action::Stop) && !self.switches.passes_over_stops
+    }
     /// Joints with stops and dry friction.
     pub fn switches(&self) -> &[JointSwitch] {
         &self.switches.joints
@@ -96,8 +99,7 @@ impl Dynamics {
     }
     /// True if equations or state change at instants that the state decides.
     pub fn is_switching(&self) -> bool {
-        let changes = |e: &Event| matches!(e.action, Action::Change(_));
-        !self.switches.joints.is_empty() || self.switches.events.iter().any(changes)
+        !self.switches.joints.is_empty() || self.switches.events.iter().any(Event::changes)
     }
     /// The solver that can hold joints.
     pub(super) fn constraints(&mut self) -> Option<&mut Constraints> {
@@ -132,6 +134,36 @@ impl Dynamics {
         (self.tau, self.wrenches) = (tau, wrenches);
         (self.switches.acceleration, self.switches.holding) = (a, holding);
         result
+    }
+    /// Values of the functions of the user's events.
+    pub(crate) fn user_values(
+        &mut self,
+        t: f64,
+        q: &[f64],
+        v: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), MotionError> {
+        if self.switches.events.is_empty() {
+            return Ok(());
+        }
+        let mut energies = Energies::default();
+        if self.switches.events.iter().any(Event::looks_at_energies) {
+            energies.kinetic = kinetic_energy(&self.layout, q, v)?;
+            energies.potential =
+                potential_energy(&self.layout, q)? + self.potentials(t, q, v)?.iter().sum::<f64>();
+        }
+        if self.switches.events.iter().any(|e| e.kinematics) {
+            self.place(q, v)?;
+        }
+        let kinematics = self.plan.kinematics.then_some(&self.kinematics);
+        let at = Situation { model: &self.model, layout: &self.layout, t, q, v, kinematics };
+        for (event, out) in self.switches.events.iter_mut().zip(out) {
+            *out = match &mut event.function {
+                Function::Motion(function) => function(&at),
+                Function::Energy(function) => function(&at, energies),
+            };
+        }
+        Ok(())
     }
     fn enter_modes(&mut self, modes: &[Mode]) {
         self.switches.enter(modes);
@@ -354,7 +386,7 @@ impl Events for Dynamics {
     }
     fn acts(&self, i: usize) -> bool {
         match i.checked_sub(GUARDS * self.switches.joints.len()) {
-            Some(user) => matches!(self.switches.events[user].action, Action::Change(_)),
+            Some(user) => self.switches.events[user].changes(),
             None => true,
         }
     }
@@ -391,23 +423,8 @@ impl Events for Dynamics {
                 Mode::AtUpper => joint.breakaway() - force,
             };
         }
-        if !self.switches.events.is_empty() {
-            if self.switches.events.iter().any(|e| e.kinematics) {
-                self.place(q, v)?;
-            }
-            let at = Situation {
-                model: &self.model,
-                layout: &self.layout,
-                t,
-                q,
-                v,
-                kinematics: self.plan.kinematics.then_some(&self.kinematics),
-            };
-            let own = &mut out[GUARDS * self.switches.joints.len()..];
-            for (event, out) in self.switches.events.iter_mut().zip(own) {
-                *out = (event.function)(&at);
-            }
-        }
+        let guards = GUARDS * self.switches.joints.len();
+        self.user_values(t, q, v, &mut out[guards..])?;
         Ok(evaluations)
     }
     fn noise(&self, i: usize, q: &[f64], _: &[f64], tolerances: &Tolerances) -> f64 {
@@ -440,7 +457,7 @@ impl Events for Dynamics {
         log.push(Occurrence { t: state.t, what: Happening::Event { index: i - guards } });
         match &mut self.switches.events[i - guards].action {
             Action::Record => Ok(Consequence::default()),
-            Action::Stop => Ok(Consequence { changed: false, stop: !self.switches.passes_over_stops }),
+            Action::Stop => Ok(Consequence { changed: false, stop: self.ends(i - guards) }),
             Action::Change(change) => {
                 change(state.t, state.q, state.v);
                 self.model.normalize(state.q);

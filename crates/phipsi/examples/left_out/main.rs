@@ -14,6 +14,8 @@ use phipsi::recursion::{Layout, body_pose};
 use phipsi::spatial::Vec3;
 use std::time::Instant;
 
+mod molecule;
+
 type Failure = Box<dyn std::error::Error>;
 
 const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/src/left_out.md");
@@ -149,10 +151,15 @@ fn table() -> Result<String, Failure> {
         let [plan, whole] = times.map(median);
         let left_out: Vec<String> = planned.plan().left_out();
         let short = left_out.iter().map(|l| l.split(':').next().unwrap_or(l)).collect::<Vec<_>>().join("; ");
-        text +=
-            &format!("| {name} | {:.2} | {:.2} | {:.2} | {short} |\n", 1e6 * plan, 1e6 * whole, whole / plan);
+        text += &row(name, [plan, whole], &short);
     }
+    let (left_out, times) = molecule::row()?;
+    text += &row("molecule with rigid clusters", times, &left_out);
     Ok(text)
+}
+
+fn row(name: &str, [plan, whole]: [f64; 2], left_out: &str) -> String {
+    format!("| {name} | {:.2} | {:.2} | {:.2} | {left_out} |\n", 1e6 * plan, 1e6 * whole, whole / plan)
 }
 
 fn main() -> Result<(), Failure> {

@@ -173,8 +173,8 @@ fn fixed(simulation: &Simulation, report: &Report, rk4: bool) -> Result<Candidat
         return Err(Some(why));
     }
     let intervals = span / simulation.every;
-    if !simulation.dynamics.user_events().is_empty() || !simulation.dynamics.switches().is_empty() {
-        return Err(Some("midpoint: it knows no events, stops and dry friction".into()));
+    if simulation.dynamics.is_switching() {
+        return Err(Some("midpoint: it knows no stops and dry friction".into()));
     }
     if (intervals - intervals.round()).abs() > 1e-6 {
         let why =

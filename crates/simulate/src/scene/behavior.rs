@@ -5,7 +5,6 @@ use super::tree::{Table, Value, finite};
 use crate::simulation::JointBehavior;
 use phipsi_formats::{Note, Report};
 use phipsi_model::{JointKind, Model};
-use phipsi_motion::forces::JointDissipation;
 
 /// Both tables; `friction_speed` is that of `[model]`.
 pub(crate) fn read(
@@ -52,14 +51,6 @@ pub(crate) fn read(
             .collect();
     }
     let rubs = |k: &usize| model.joints()[*k].friction != 0.0;
-    let flexible = model.bodies().iter().any(|b| b.flexible.is_some());
-    if flexible && behavior.restitution.iter().any(Option::is_some) {
-        let found = "stops in a model with flexible bodies, whose joints cannot be held";
-        table_error(report, found.into(), "rigid bodies", "remove [joint_stops]");
-    }
-    if flexible && behavior.friction_speed.is_none() && model.moving_joints().any(|k| rubs(&k)) {
-        behavior.friction_speed = Some(JointDissipation::SPEED);
-    }
     if behavior.friction_speed.is_none() {
         let names: Vec<&str> =
             model.moving_joints().filter(rubs).map(|k| model.joints()[k].name.as_str()).collect();

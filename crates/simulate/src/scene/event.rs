@@ -1,11 +1,11 @@
 //! `[[event]]`: functions of time, joints and outputs whose passage through zero is recorded or ends the run.
 
 use super::tree::{Table, shorten};
-use crate::output::{Output, Quantity};
+use crate::output::{EnergyKind, Output, Quantity};
 use phipsi_formats::Report;
 use phipsi_formats::expression::Expression;
 use phipsi_model::Model;
-use phipsi_motion::{Action, Direction, Event, Situation};
+use phipsi_motion::{Action, Direction, Energies, Event, Situation};
 use std::f64::consts::PI;
 
 /// What a name in an expression stands for.
@@ -15,6 +15,7 @@ enum Source {
     Coordinate(usize),
     Velocity(usize),
     Output(Quantity),
+    Energy(EnergyKind),
 }
 
 impl Source {
@@ -26,8 +27,9 @@ impl Source {
             _ => false,
         }
     }
-    fn value(&self, at: &Situation<'_>) -> f64 {
+    fn value(&self, at: &Situation<'_>, energies: Energies) -> f64 {
         match self {
+            Source::Energy(kind) => kind.of(energies),
             Source::Time => at.t,
             Source::Coordinate(i) => at.q[*i],
             Source::Velocity(i) => at.v[*i],
@@ -51,13 +53,13 @@ pub(crate) fn read(
         names.push((format!("q.{name}"), Source::Coordinate(model.q_offset(k))));
         names.push((format!("v.{name}"), Source::Velocity(model.v_offset(k))));
     }
-    let energies: Vec<&str> = outputs
-        .iter()
-        .filter(|o| matches!(o.quantity, Quantity::Energy(_)))
-        .map(|o| o.name.as_str())
-        .collect();
-    let usable = outputs.iter().filter(|o| !energies.contains(&o.name.as_str()));
-    names.extend(usable.map(|o| (o.name.clone(), Source::Output(o.quantity.clone()))));
+    names.extend(outputs.iter().map(|o| {
+        let source = match &o.quantity {
+            Quantity::Energy(kind) => Source::Energy(*kind),
+            other => Source::Output(other.clone()),
+        };
+        (o.name.clone(), source)
+    }));
     let variables: Vec<&str> = names.iter().map(|(name, _)| name.as_str()).collect();
     let mut events: Vec<Event> = Vec::new();
     for (i, mut table) in scene.tables("event", report).into_iter().enumerate() {
@@ -79,13 +81,7 @@ pub(crate) fn read(
             }
             Err(e) => {
                 let found = format!("when = {:?}: {e}", shorten(text));
-                let energy = energies.iter().find(|name| text.contains(**name));
-                let remedy = match energy {
-                    Some(name) => {
-                        format!("`{name}` is an energy, which events do not know: use a height or a speed")
-                    }
-                    None => "use t, q.JOINT, v.JOINT (joints with one axis) and the names of outputs".into(),
-                };
+                let remedy = "use t, q.JOINT, v.JOINT (joints with one axis) and the names of outputs";
                 table.error(node, report, found, "an expression that passes through zero", remedy);
                 None
             }
@@ -97,9 +93,10 @@ pub(crate) fn read(
             .map(|(name, source)| if expression.depends_on(name) { source.clone() } else { Source::Time })
             .collect();
         let needs_poses = used.iter().any(Source::needs_poses);
+        let needs_energies = used.iter().any(|source| matches!(source, Source::Energy(_)));
         let mut values = vec![0.0; used.len()];
-        let function = move |at: &Situation<'_>| {
-            values.iter_mut().zip(&used).for_each(|(value, source)| *value = source.value(at));
+        let mut function = move |at: &Situation<'_>, energies: Energies| {
+            values.iter_mut().zip(&used).for_each(|(value, source)| *value = source.value(at, energies));
             expression.value(&values)
         };
         let direction = match direction {
@@ -108,7 +105,10 @@ pub(crate) fn read(
             _ => Direction::Either,
         };
         let action = if action == Some("stop") { Action::Stop } else { Action::Record };
-        let event = Event::new(name, direction, action, function);
+        let event = match needs_energies {
+            true => Event::of_energies(name, direction, action, function),
+            false => Event::new(name, direction, action, move |at| function(at, Energies::default())),
+        };
         events.push(if needs_poses { event.with_kinematics() } else { event });
     }
     events

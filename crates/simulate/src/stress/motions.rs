@@ -210,6 +210,10 @@ fn springs() -> Vec<Scene> {
             oscillator(1.0, 0.0, 10.0, begin),
         ));
     }
+    // Its steps are shorter than time resolves at the end: it must be refused, within its first steps.
+    let never = Truth::of(1.0, |_| f64::NAN);
+    let what = "an oscillator of 1 rad/s for 1e300 s";
+    all.push(scene("swing-1e300", what, never, oscillator(1.0, 0.0, 1e300, 0.0)).slow());
     let truth = Truth::of(1e300, |s| (s.q[0] - 1e300).abs());
     all.push(scene("span-1e300", "a body that moves freely at 1 m/s for 1e300 s", truth, |s| {
         let mass = Inertia::from_principal(1.0, [0.0; 3], [0.1; 3]);

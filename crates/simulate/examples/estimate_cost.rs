@@ -1,0 +1,70 @@
+//! What the error estimate costs: evaluations and wall time of runs with and without it.
+//!
+//! `cargo run --release -p phipsi-simulate --example estimate_cost` prints a table of `docs/src/errors.md`. Runs with and without take turns;
+//! the shortest of each counts, so that other work on the machine matters little. All on one thread.
+
+use phipsi_simulate::scene::load;
+use phipsi_simulate::{Recording, Summary, run};
+use std::path::Path;
+use std::time::Instant;
+
+type Failure = Box<dyn std::error::Error>;
+
+const SCENES: [&str; 7] = [
+    "benchmarks/pendulum.toml",
+    "benchmarks/double_pendulum.toml",
+    "benchmarks/chain10.toml",
+    "benchmarks/andrews.toml",
+    "benchmarks/bricard.toml",
+    "benchmarks/n_four_bar.toml",
+    "satellite_arm.toml",
+];
+
+const ROUNDS: usize = 9;
+
+/// A run and its wall time, s.
+fn timed(name: &str, tolerance: f64, estimate: bool) -> Result<(Summary, f64), Failure> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples").join(name);
+    let overrides = [
+        "integrator.method=dop853".to_string(),
+        format!("integrator.rtol={tolerance:e}"),
+        format!("integrator.atol={tolerance:e}"),
+        format!("integrator.estimate={estimate}"),
+    ];
+    let mut simulation = load(&path, &overrides)?.simulation;
+    let start = Instant::now();
+    let summary = run(&mut simulation, &mut Recording::default())?;
+    Ok((summary, start.elapsed().as_secs_f64()))
+}
+
+fn main() -> Result<(), Failure> {
+    println!(
+        "| scene | tolerance | how | evaluations of the run | more for the estimate | wall time, ms | more for the estimate |"
+    );
+    println!("|---|---|---|---|---|---|---|");
+    for name in SCENES {
+        for tolerance in [1e-6, 1e-8, 1e-9, 1e-11] {
+            let mut shortest = [f64::INFINITY; 2];
+            let mut last = None;
+            for _ in 0..ROUNDS {
+                for (i, estimate) in [false, true].into_iter().enumerate() {
+                    let (summary, seconds) = timed(name, tolerance, estimate)?;
+                    shortest[i] = shortest[i].min(seconds);
+                    last = Some(summary);
+                }
+            }
+            let summary = last.ok_or("no run")?;
+            let estimate = summary.error_estimate.ok_or("no estimate")?;
+            let stem = name.trim_start_matches("benchmarks/").trim_end_matches(".toml");
+            println!(
+                "| {stem} | {tolerance:e} | {} | {} | {:.0} % | {:.2} | {:.0} % |",
+                estimate.how,
+                summary.evaluations,
+                100.0 * estimate.evaluations as f64 / summary.evaluations as f64,
+                1e3 * shortest[0],
+                100.0 * (shortest[1] / shortest[0] - 1.0),
+            );
+        }
+    }
+    Ok(())
+}
