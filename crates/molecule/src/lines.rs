@@ -7,9 +7,9 @@
 //!
 //! The body is a free one with the inertia I about all axes and a still axis ([`Model::still_axes`]): quaternion and six speeds,
 //! of which the one about a is zero. A joint of five coordinates would have two angles for the direction, which are singular
-//! somewhere, or a hinge map that is not closed under brackets, which no symplectic map on the joint's group has. Nothing
-//! depends on the inertia about a; as that of a sphere it gives a free molecule the drift without an error in direction.
-//! The measure of quaternions is that of uniform directions.
+//! somewhere, or a hinge map that is not closed under brackets, which no symplectic map on the joint's group has. The motion
+//! does not depend on the inertia about a, only the second-order error of a step does; as that of a sphere it gives a molecule
+//! whose centre rests the drift without an error in direction. The measure of quaternions is that of uniform directions.
 //!
 //! [`Model::still_axes`]: phipsi_model::Model::still_axes
 
@@ -55,7 +55,8 @@ pub(crate) fn straighten(
             continue;
         }
         let mass: f64 = members.iter().map(|&i| atoms.masses[i]).sum();
-        let center = members.iter().fold(Vec3::zero(), |c, &i| c + positions[i].scale(atoms.masses[i] / mass));
+        let center =
+            members.iter().fold(Vec3::zero(), |c, &i| c + positions[i].scale(atoms.masses[i] / mass));
         let mut spread = Matrix3::zeros();
         for &i in members {
             let x = (positions[i] - center).0;

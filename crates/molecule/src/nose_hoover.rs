@@ -71,7 +71,10 @@ impl Chains {
         let of_bases: usize = bases.iter().map(|&k: &usize| layout.bodies()[k].hinge.nv()).sum();
         let still = method.model().still_axes().count();
         Chains {
-            freedom: [of_bases.saturating_sub(removed + still) as f64, nv.saturating_sub(of_bases + closed) as f64],
+            freedom: [
+                of_bases.saturating_sub(removed + still) as f64,
+                nv.saturating_sub(of_bases + closed) as f64,
+            ],
             bases,
             kt,
             tau,

@@ -175,7 +175,8 @@ impl RingDeterminant {
                     let (pose, body) = (&self.world[link.body], &layout.bodies()[link.body]);
                     let own: Motion<f64> = body.hinge.axis(link.dof - body.v);
                     let angular = pose.rotation * own.angular;
-                    let linear = pose.rotation * own.linear + angular.cross(frame.translation - pose.translation);
+                    let linear =
+                        pose.rotation * own.linear + angular.cross(frame.translation - pose.translation);
                     *axis = Motion::new(angular, linear);
                     for (r, wrench) in wrenches.iter().enumerate() {
                         self.rows[(ROWS * of + r) * nv + link.dof] = sign * axis.dot(*wrench);

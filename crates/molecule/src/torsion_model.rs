@@ -136,9 +136,11 @@ impl TorsionModel {
             if let Some(line) = &lines[c] {
                 body = line.body(body);
             }
-            builder = builder
-                .body(body)
-                .joint(Joint::new(name, joint).at(placement), parent, body_names[c].as_str());
+            builder = builder.body(body).joint(
+                Joint::new(name, joint).at(placement),
+                parent,
+                body_names[c].as_str(),
+            );
         }
         for closure in &clusters.closures {
             let name = names.closure(atoms.bond_label(closure.atoms));

@@ -85,8 +85,7 @@ fn the_parts_are_the_force_field() {
 fn one_substep_is_the_plain_step_and_the_order_is_two() {
     for (name, clustering) in [("aladi", Clustering::default()), ("ace_pro_nme", proline())] {
         let (torsion, [mut whole, mut split], v) = both(name, &clustering);
-        let (mut plain, mut one) =
-            (begin(&torsion, &mut whole, &v, 1), begin(&torsion, &mut split, &v, 1));
+        let (mut plain, mut one) = (begin(&torsion, &mut whole, &v, 1), begin(&torsion, &mut split, &v, 1));
         assert!((plain.state().potential - one.state().potential).abs() < 1e-10);
         for _ in 0..20 {
             plain.step(&mut whole, 1e-3).unwrap();
@@ -171,7 +170,9 @@ fn noise_of_long_and_short_steps() {
     for name in ["aladi", "met_enkephalin"] {
         let (torsion, [_, mut split], v) = both(name, &Clustering::default());
         let mut noises = Vec::new();
-        for (outer, substeps) in [(2, 1), (2, 2), (4, 1), (4, 2), (4, 4), (8, 1), (8, 2), (8, 4), (12, 1), (12, 3)] {
+        for (outer, substeps) in
+            [(2, 1), (2, 2), (4, 1), (4, 2), (4, 4), (8, 1), (8, 2), (8, 4), (12, 1), (12, 3)]
+        {
             let h = f64::from(outer) * 1e-3;
             let mut method = begin(&torsion, &mut split, &v, substeps);
             // Away from the minimum first.

@@ -159,7 +159,10 @@ fn what_is_thawed_is_drawn_across_what_moved() {
         // χ² of so many degrees of freedom: four standard errors.
         for (sum, freedom) in [(drawn, thawed as f64), (total, all as f64)] {
             let mean = 2.0 * sum / (n as f64 * BOLTZMANN * KELVIN);
-            assert!((mean - freedom).abs() < 4.0 * (2.0 * freedom / n as f64).sqrt(), "{name}: {mean} {freedom}");
+            assert!(
+                (mean - freedom).abs() < 4.0 * (2.0 * freedom / n as f64).sqrt(),
+                "{name}: {mean} {freedom}"
+            );
         }
     }
 }

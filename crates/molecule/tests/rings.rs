@@ -219,7 +219,10 @@ fn minima_with_flexible_rings_are_closed() {
         };
         let (_, _, rigid) = lowest(&Clustering::default());
         let (torsion, mut forces, minimum) = lowest(&flexible());
-        println!("{name}: {} rigid, {} flexible, {} evaluations", rigid.energy, minimum.energy, minimum.evaluations);
+        println!(
+            "{name}: {} rigid, {} flexible, {} evaluations",
+            rigid.energy, minimum.energy, minimum.evaluations
+        );
         assert!(minimum.energy < rigid.energy - 0.01, "{name}");
         // A run from there, without speed, stays closed and where it is: forces along the rings are gone.
         let nv = torsion.model().nv();

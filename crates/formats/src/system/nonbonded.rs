@@ -108,7 +108,13 @@ fn periodic(reader: &mut Reader, node: Node<'_, '_>, place: &str) -> Option<(Cut
     }
     if 2.0 * distance > a[0].min(b[1]).min(c[2]) {
         let found = format!("a cutoff of {distance} nm in a box of {}, {}, {} nm", a[0], b[1], c[2]);
-        reader.error(node, place, found, "at most half of each width", "make the cutoff smaller or the box larger");
+        reader.error(
+            node,
+            place,
+            found,
+            "at most half of each width",
+            "make the cutoff smaller or the box larger",
+        );
         return None;
     }
     let flag = |name: &str| node.attribute(name).is_some_and(|text| text.trim() != "0");

@@ -179,7 +179,8 @@ impl NonbondedPairs {
             energy += sum.evaluate(level, &places, &mut vec![Vec3::zero(); group.len()]);
         }
         let exceptions = std::mem::take(&mut self.exceptions);
-        let (out, rest): (Vec<_>, Vec<_>) = exceptions.into_iter().partition(|e| !self.image_exceptions && groups.hold(&e.atoms));
+        let (out, rest): (Vec<_>, Vec<_>) =
+            exceptions.into_iter().partition(|e| !self.image_exceptions && groups.hold(&e.atoms));
         count[0] += out.len();
         self.exceptions = out;
         energy += self.exceptions(x, &mut vec![Vec3::zero(); n]);

