@@ -8,7 +8,7 @@
 //! The body is a free one with the inertia I about all axes and a still axis ([`Model::still_axes`]): quaternion and six speeds,
 //! of which the one about a is zero. A joint of five coordinates would have two angles for the direction, which are singular
 //! somewhere, or a hinge map that is not closed under brackets, which no symplectic map on the joint's group has. The motion
-//! does not depend on the inertia about a, only the second-order error of a step does; as that of a sphere it gives a molecule
+//! does not depend on the inertia about a, only an error of the steps of fourth order does; as that of a sphere it gives a molecule
 //! whose centre rests the drift without an error in direction. The measure of quaternions is that of uniform directions.
 //!
 //! [`Model::still_axes`]: phipsi_model::Model::still_axes

@@ -139,8 +139,8 @@ fn a_free_rotor_turns_uniformly() {
     }
 }
 
-/// The inertia about the line enters the error of the steps alone: what two of them tell apart falls with h². (A drift whose momentum
-/// about the line is zero has a spin of h² m v_∥ (v·ω)/12 J there.)
+/// The inertia J about the line enters the error of the steps alone: what two of them tell apart falls with h⁴. (A drift whose momentum
+/// about the line is zero has a spin of h² m v_∥ (v·ω)/12 J there, and the action is stationary in it.)
 #[test]
 fn the_motion_does_not_depend_on_the_inertia_about_the_line() {
     let end = |about: f64, steps: usize| {
@@ -169,7 +169,7 @@ fn the_motion_does_not_depend_on_the_inertia_about_the_line() {
         };
         let (coarse, fine) = (apart(400), apart(800));
         let order = (coarse / fine).log2();
-        assert!((order - 2.0).abs() < 0.1 && coarse < 1e-4, "{about}: {coarse:e} {fine:e}");
+        assert!((order - 4.0).abs() < 0.2 && coarse < 1e-6, "{about}: {coarse:e} {fine:e}");
     }
 }
 
