@@ -404,12 +404,61 @@ def test_flexible_rings_stay_closed(tmp_path):
     assert r.degrees_of_freedom == t.degrees_of_freedom
     assert np.abs(t.model.closure_residual(t.q)).max() < 1e-12
     assert np.ptp(r.conserved) < 0.1
-    with pytest.raises(phipsi.ModelError, match="flexible rings"):
-        t.run(10, dt_fs=2, fixman=True)
-    with pytest.raises(phipsi.NumericalError, match="rigid rings"):
-        t.minimize()
+    for ensemble in ("langevin", "nose_hoover"):
+        r = t.run(100, dt_fs=2, ensemble=ensemble, temperature_K=300, seed=1, fixman=True)
+        assert np.ptp(r.conserved) < 0.1
+        assert np.abs(t.model.closure_residual(t.q)).max() < 1e-12
+    lowest = rigid.minimize().energy
+    minimum = t.minimize()
+    assert minimum.converged and minimum.energy < lowest + 0.01
+    assert np.abs(t.model.closure_residual(t.q)).max() < 1e-12
     with pytest.raises(phipsi.ArgumentError, match="flexible"):
         TorsionModel(s, rings="floppy")
+
+
+def test_freeze_and_thaw(s, t):
+    """Positions and momenta stay; the ledger balances; what is thawed is drawn; other forces must be given again."""
+    masses = s.masses[:, None]
+    t.draw_velocities(300, seed=4)
+    t.run(50, dt_fs=2)
+    x, u = t.positions, t.velocities
+    frozen, ledger = t.recluster(rigid=["omega", "methyl"])
+    assert frozen.time_ps == t.time_ps and ledger["degrees_of_freedom"] == (13, frozen.degrees_of_freedom)
+    assert np.abs(frozen.positions - x).max() < 1e-12
+    w = frozen.velocities
+    for before, after in ((u, w), (np.cross(x, u), np.cross(x, w))):
+        assert np.abs((masses * (before - after)).sum(0)).max() < 1e-9
+    lost = 0.5 * (masses * (u - w) ** 2).sum()
+    assert abs(ledger["removed"] - lost) < 1e-10 and ledger["drawn"] == 0
+    assert abs(ledger["before"] - ledger["removed"] - ledger["after"]) < 1e-10
+    frozen.run(50, dt_fs=2)
+    thawed, ledger = frozen.recluster(thaw_temperature_K=300, seed=1)
+    assert thawed.degrees_of_freedom == 13 and ledger["drawn"] > 0 and ledger["removed"] < 1e-10
+    r = thawed.run(50, dt_fs=2)
+    assert np.ptp(r.conserved) < 0.1
+    with pytest.raises(phipsi.ArgumentError, match="forces"):
+        t.recluster(forces=lambda x: (0.0, np.zeros_like(x)))
+    with pytest.raises(phipsi.ArgumentError, match="temperature_K"):
+        t.recluster(thaw_temperature_K=-1)
+
+
+def test_a_linear_molecule_has_five_degrees_of_freedom(tmp_path):
+    """Nitrogen: no spin about its line, five degrees of freedom in the temperature."""
+    pdb, xml = tmp_path / "n2.pdb", tmp_path / "n2.xml"
+    line = "ATOM  {:5d}  N{}  N2  A   1    {:8.3f}{:8.3f}{:8.3f}  1.00  0.00           N\n"
+    pdb.write_text("".join(line.format(i + 1, i + 1, 0.0, 0.0, 1.098 * i) for i in range(2)))
+    xml.write_text(
+        '<System><Particles><Particle mass="14.007"/><Particle mass="14.007"/></Particles><Forces>'
+        '<Force type="HarmonicBondForce"><Bonds><Bond p1="0" p2="1" d="0.1098" k="1"/></Bonds></Force></Forces></System>'
+    )
+    t = TorsionModel(System.from_files(pdb, xml))
+    assert (t.model.nv, t.degrees_of_freedom) == (6, 5)
+    r = t.run(200, dt_fs=2, ensemble="langevin", temperature_K=300, seed=2)
+    assert r.degrees_of_freedom == 5 and np.ptp(r.conserved) < 1e-6
+    x, u = t.positions, t.velocities
+    omega = t.model.body_velocity(t.q, t.v, t.model.body_names[0])[:3]
+    assert abs(omega @ (x[1] - x[0])) < 1e-10 * np.linalg.norm(omega)
+    assert abs((u[1] - u[0]) @ (x[1] - x[0])) < 1e-10
 
 
 def test_open_angles_and_cartesian_atoms(s):

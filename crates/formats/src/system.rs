@@ -7,11 +7,11 @@
 //! | OpenMM | here |
 //! |---|---|
 //! | HarmonicBondForce, HarmonicAngleForce, PeriodicTorsionForce, RBTorsionForce, CMAPTorsionForce | the variants of [`ForceKind`] |
-//! | NonbondedForce, GBSAOBCForce, CustomNonbondedForce, CustomGBForce, methods NoCutoff and CutoffNonPeriodic | the same |
+//! | NonbondedForce, GBSAOBCForce, CustomNonbondedForce, CustomGBForce, methods NoCutoff and CutoffNonPeriodic; NonbondedForce also CutoffPeriodic | the same |
 //! | CustomBondForce, CustomAngleForce, CustomTorsionForce | the same; energies as [`Formula`] |
 //! | global parameters | their default values, as numbers in the formulas |
 //! | CMMotionRemover, barostats, AndersenThermostat | ignored: they are no energies |
-//! | periodic cutoffs, Ewald sums, periodic boxes in use, virtual sites, parameter offsets | refused |
+//! | periodic cutoffs of other forces, Ewald sums, other forces in a periodic box, virtual sites, parameter offsets | refused |
 //! | any other force | refused, or ignored where [`SystemOptions::ignore`] names it |
 //!
 //! Everything is checked: numbers are finite, particles exist and differ within one interaction, no pair has two
@@ -49,6 +49,8 @@ pub struct System {
     pub forces: Vec<Force>,
     /// Global parameters of the forces and their default values.
     pub global_parameters: BTreeMap<String, f64>,
+    /// The periodic box: a, b, c as rows, nm, in the reduced form a = (aₓ, 0, 0), b = (bₓ, b_y, 0). Only forces that say so use it.
+    pub box_vectors: Option<[[f64; 3]; 3]>,
 }
 
 /// A distance that is kept.
@@ -198,11 +200,24 @@ pub struct Cutoff {
     pub switching: Option<f64>,
 }
 
+/// Pairs at their nearest images.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Periodic {
+    /// The box: [`System::box_vectors`].
+    pub box_vectors: [[f64; 3]; 3],
+    /// Exceptions too are at their nearest images.
+    pub exceptions: bool,
+    /// The mean Lennard-Jones energy beyond the cutoff is added.
+    pub dispersion_correction: bool,
+}
+
 /// Lennard-Jones and Coulomb energies of all pairs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Nonbonded {
     /// Of all pairs but the exceptions.
     pub cutoff: Option<Cutoff>,
+    /// Where pairs within the cutoff are at their nearest images.
+    pub periodic: Option<Periodic>,
     /// Dielectric constant beyond the cutoff, in the reaction field; without a cutoff it has no effect.
     pub reaction_field_dielectric: f64,
     /// One for each particle.
@@ -420,13 +435,13 @@ fn read_root(reader: &mut Reader, root: Node<'_, '_>, options: &SystemOptions) -
     let lists = ["PeriodicBoxVectors", "Particles", "Constraints", "Forces"];
     let lists = reader.lists(root, place, &lists, &["PeriodicBoxVectors", "Constraints"]);
     let [box_vectors, particles, constraints, forces] = lists;
-    let _ = box_vectors;
+    reader.box_vectors = box_vectors.and_then(|node| read_box(reader, node));
     let masses = read_masses(reader, particles?);
     if masses.is_empty() {
         reader.error(root, place, "no particles", "at least one", "serialize a system that has particles");
         return None;
     }
-    let mut system = System { masses, ..System::default() };
+    let mut system = System { masses, box_vectors: reader.box_vectors, ..System::default() };
     for entry in reader.entries(constraints, place, "Constraint", "constraint") {
         reader.check_attributes(&entry, &["p1", "p2", "d"]);
         let atoms = reader.atoms(&entry, ["p1", "p2"], system.masses.len());
@@ -440,6 +455,16 @@ fn read_root(reader: &mut Reader, root: Node<'_, '_>, options: &SystemOptions) -
     }
     summarize(reader, &system);
     Some(system)
+}
+
+/// The box vectors; `None` where an attribute is missing or no number, which is an error only of a force that uses them.
+fn read_box(reader: &mut Reader, node: Node<'_, '_>) -> Option<[[f64; 3]; 3]> {
+    let [a, b, c] = reader.lists(node, "System", &["A", "B", "C"], &[]);
+    let vector = |node: Option<Node<'_, '_>>| -> Option<[f64; 3]> {
+        let number = |name: &str| node?.attribute(name)?.trim().parse::<f64>().ok().filter(|x| x.is_finite());
+        Some([number("x")?, number("y")?, number("z")?])
+    };
+    Some([vector(a)?, vector(b)?, vector(c)?])
 }
 
 fn read_masses(reader: &mut Reader, list: Node<'_, '_>) -> Vec<f64> {
@@ -536,7 +561,13 @@ fn summarize(reader: &mut Reader, system: &System) {
             if force.name == force.class { "energy".into() } else { format!("energy, {}", force.class) };
         let place = format!("force `{}`", shown(&force.name));
         if let Some(cutoff) = force.kind.cutoff() {
-            let what = format!("pairs from {cutoff} nm on are left out");
+            let mut what = format!("pairs from {cutoff} nm on are left out");
+            if let ForceKind::Nonbonded(Nonbonded { periodic: Some(periodic), .. }) = &force.kind {
+                what += ", at their nearest images in the periodic box";
+                if periodic.dispersion_correction {
+                    what += ", with the mean Lennard-Jones energy beyond";
+                }
+            }
             reader.report.approximated.push(Note::new(force.line, place.clone(), what));
         }
         notes.push(Note::new(force.line, place, what));

@@ -392,6 +392,38 @@ fn many_errors_are_not_all_listed() {
 }
 
 #[test]
+fn a_periodic_box_is_read_where_nonbonded_force_uses_it() {
+    let periodic = ALL
+        .replace("ljnz=\"0\" method=\"0\"", "ljnz=\"0\" method=\"2\"")
+        .replace("exceptionsUsePeriodic=\"0\"", "exceptionsUsePeriodic=\"1\"");
+    let (system, report) = accept(&periodic);
+    let box_vectors = [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]];
+    assert_eq!(system.box_vectors, Some(box_vectors));
+    let tables = system.forces.iter().find_map(|force| match &force.kind {
+        ForceKind::Nonbonded(tables) => Some(tables),
+        _ => None,
+    });
+    let tables = tables.unwrap();
+    let expected = Periodic { box_vectors, exceptions: true, dispersion_correction: true };
+    assert_eq!((tables.periodic, tables.cutoff.map(|c| c.distance)), (Some(expected), Some(1.0)));
+    assert!(report.approximated.iter().any(|note| note.what.contains("nearest images")));
+    // What the box must be is asked only where a force uses it.
+    let a = "<A x=\"2\" y=\"0\" z=\"0\"/>";
+    for (to, found) in [
+        ("<A x=\"2\" y=\"0\" z=\"nan\"/>", "without periodic box vectors"),
+        ("<A x=\"2\" y=\"0.1\" z=\"0\"/>", "periodic box vectors [2.0, 0.1, 0.0]"),
+        ("<A x=\"-2\" y=\"0\" z=\"0\"/>", "periodic box vectors [-2.0"),
+        ("<A x=\"1.9\" y=\"0\" z=\"0\"/>", "a cutoff of 1 nm in a box of 1.9, 2, 2 nm"),
+    ] {
+        assert!(read(&ALL.replace(a, to)).value.is_some(), "{to}");
+        let refused = read(&periodic.replace(a, to));
+        let [problem] = &refused.report.errors[..] else { panic!("{to}: {}", refused.report) };
+        assert!(refused.value.is_none() && problem.found.contains(found), "{problem:?}");
+        assert_eq!(problem.place, "force `NonbondedForce`");
+    }
+}
+
+#[test]
 fn cutoffs_are_read() {
     let text = ALL
         .replace("ljnz=\"0\" method=\"0\"", "ljnz=\"0\" method=\"1\"")

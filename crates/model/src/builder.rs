@@ -3,6 +3,7 @@
 use crate::flexible::{FlexibleBody, check_flexible};
 use crate::model::{Body, Coupling, Model};
 use crate::nearest_inertia::{as_attributes, nearest_inertia};
+use crate::still_axis::check_still_axis;
 use crate::violation::{ModelErrors, Severity, Subject, Violation};
 use crate::{Closure, Inertia, Joint, JointKind};
 use nalgebra::Matrix3;
@@ -104,6 +105,14 @@ impl ModelBuilder {
         }
         for (joint, _, _) in &self.joints {
             check_joint(joint, &mut found);
+        }
+        for body in self.bodies.iter().filter(|b| b.still_axis.is_some()) {
+            let is_free = match self.joints.iter().find(|(_, _, child)| *child == body.name) {
+                Some((joint, parent, _)) => joint.kind == JointKind::Free && parent == "world",
+                None => self.base == Base::Free,
+            };
+            let is_alone = is_free && !self.joints.iter().any(|(_, parent, _)| *parent == body.name);
+            check_still_axis(body, is_alone, &mut found);
         }
         self.check_structure(&mut found);
         if self.gravity.is_some_and(|g| g.iter().any(|x| !is_sane(*x))) {

@@ -23,6 +23,7 @@ pub mod model;
 mod nearest_inertia;
 pub mod random;
 pub mod state;
+pub mod still_axis;
 pub mod violation;
 
 pub use builder::{Base, ModelBuilder};
@@ -37,4 +38,5 @@ pub use joint::{Joint, JointKind, Limits, Placement};
 pub use model::{Body, Coupling, Inertia, Model, NameError};
 pub use random::Random;
 pub use state::State;
+pub use still_axis::StillAxis;
 pub use violation::{ModelErrors, Severity, Subject, Violation};

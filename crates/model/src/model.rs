@@ -54,17 +54,19 @@ pub struct Body {
     pub inertia: Inertia,
     /// Its modes, if it is flexible.
     pub flexible: Option<FlexibleBody>,
+    /// An axis through its origin about which it does not turn: see [`Model::still_axes`].
+    pub still_axis: Option<[f64; 3]>,
 }
 
 impl Body {
     /// A named rigid body.
     pub fn new(name: impl Into<String>, inertia: Inertia) -> Self {
-        Body { name: name.into(), inertia, flexible: None }
+        Body { name: name.into(), inertia, flexible: None, still_axis: None }
     }
     /// A named flexible body.
     pub fn flexible(name: impl Into<String>, flexible: FlexibleBody) -> Self {
         let inertia = flexible.integrals.undeformed();
-        Body { name: name.into(), inertia, flexible: Some(flexible) }
+        Body { name: name.into(), inertia, flexible: Some(flexible), still_axis: None }
     }
     /// Number of modal coordinates.
     pub fn modes(&self) -> usize {

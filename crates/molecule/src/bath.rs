@@ -6,7 +6,7 @@ use crate::deviates::{Deviates, DeviatesState};
 use crate::ensemble::Ensemble;
 use crate::hybrid_monte_carlo::{Trajectory, Trials};
 use crate::langevin::Exchange;
-use crate::nose_hoover::{ChainState, Chains};
+use crate::nose_hoover::{ChainState, Chains, outer_closure};
 use phipsi_motion::{Conservative, Midpoint, MidpointError, MidpointState};
 use phipsi_recursion::DynamicsError;
 
@@ -24,7 +24,7 @@ pub struct BathState {
     pub deviates: DeviatesState,
     /// Energy that the bath has given.
     pub heat: f64,
-    /// Chains of bases and of hinges.
+    /// Chains of rigid and of internal motion.
     pub chains: [ChainState; 2],
     /// Monte Carlo trajectories; of Langevin dynamics the refused drifts.
     pub trials: Trials,
@@ -70,10 +70,13 @@ impl Bath {
             MoleculeError::new("model", e.to_string(), "a regular mass matrix", "lock the named hinge")
         };
         let constrained = method.model().nv() - method.degrees_of_freedom().map_err(singular)?;
-        if let (Ensemble::NoseHoover { .. }, true) = (ensemble, method.loops().map_err(singular)?.is_some()) {
-            let (found, required) = ("nose_hoover with flexible rings", "langevin, hmc or nve");
-            let remedy = "chains of bases and hinges would tear the rings' momenta apart: take \"langevin\"";
-            return Err(MoleculeError::new("ensemble", found, required, remedy));
+        let closed = method.loops().map_err(singular)?.map_or(0, |closed| closed.rank());
+        if let Ensemble::NoseHoover { .. } = ensemble
+            && let Some(closure) = outer_closure(method)
+        {
+            let found = format!("nose_hoover with closure `{closure}` to another tree or the world");
+            let remedy = "take \"langevin\"";
+            return Err(MoleculeError::new("ensemble", found, "closures within one molecule", remedy));
         }
         let mut removed = 0;
         if let Ensemble::NoseHoover { .. } = ensemble
@@ -87,7 +90,7 @@ impl Bath {
         }
         let relaxation = if let Ensemble::NoseHoover { relaxation } = ensemble { relaxation } else { 1.0 };
         let mut deviates = Deviates::stream(seed, STREAM);
-        let thermostats = Chains::new(method, kt, relaxation, removed);
+        let thermostats = Chains::new(method, kt, relaxation, removed, closed);
         let mut chains = Default::default();
         if let Ensemble::NoseHoover { .. } = ensemble {
             chains = thermostats.draw(&mut deviates);
@@ -127,7 +130,7 @@ impl Bath {
     pub fn trials(&self) -> &Trials {
         &self.trials
     }
-    /// Degrees of freedom that are coupled to the bath: nv, less the rows that close rings, less three where the common momentum
+    /// Degrees of freedom that are coupled to the bath: nv, less the rows that close rings and the lines of linear molecules, less three where the common momentum
     /// is zero. 2 K/(n k) is the temperature.
     pub fn degrees_of_freedom(&self) -> usize {
         self.saved.p.len() - self.removed

@@ -23,7 +23,7 @@ pub enum Ensemble {
         /// Friction, 1/time.
         friction: f64,
     },
-    /// Canonical, by chains of thermostats on bases and hinges; the common momentum is zero.
+    /// Canonical, by chains of thermostats on rigid and internal motion; the common momentum is zero.
     NoseHoover {
         /// Relaxation time.
         relaxation: f64,

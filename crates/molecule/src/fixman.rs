@@ -11,10 +11,11 @@
 //! bases. U_F acts in kicks and in the energy, never in the drift, and depends on the temperature.
 //!
 //! Open bond angles θ have the measure sin θ dθ, which the stiff limit keeps: U_F = ½ kT ln det M − kT Σ ln |sin θ|, with the
-//! force kT cot θ. On flexible rings the rigid model samples √(det M det(G M⁻¹ G*)) e^(−U/kT) δ(g):
-//! U_F = ½ kT ln[det M det(G M⁻¹ G*)] there, of which [`fixman_energy_of_rings`] has the energy and nothing yet the force.
+//! force kT cot θ. On flexible rings the rigid model samples √(det M det(G M⁻¹ G*)) e^(−U/kT) δ(g): U_F has
+//! ½ kT ln det(G M⁻¹ G*) besides, whose force along the closed rings is in `ring_determinant.rs`.
 
 use crate::atoms::MoleculeError;
+use crate::ring_determinant::RingDeterminant;
 use crate::torsion_model::TorsionModel;
 use phipsi_closure::ClosedMomenta;
 use phipsi_model::Model;
@@ -59,6 +60,10 @@ impl Distribution {
             Distribution::Rigid if torsion.has_rings() => {
                 "rigid: sqrt(det M det(G M^-1 G^T)) exp(-U/kT) on the closed rings, without Fixman's potential"
             }
+            Distribution::StiffLimit if torsion.has_rings() => {
+                "stiff limit: prod(sin theta) exp(-U/kT) on the closed rings, theta the open angles, with Fixman's potential \
+                 1/2 kT ln[det M det(G M^-1 G^T)] - kT sum ln sin theta"
+            }
             Distribution::StiffLimit if torsion.open_angles().next().is_some() => {
                 "stiff limit: prod(sin theta) exp(-U/kT), with Fixman's potential 1/2 kT ln det M - kT sum ln sin theta of \
                  the open angles"
@@ -75,6 +80,8 @@ pub struct FixmanPotential {
     kt: f64,
     work: LogDeterminantGradient<f64>,
     gradient: Vec<f64>,
+    /// Closures of flexible rings.
+    rings: Option<Box<RingDeterminant>>,
     /// Open angles: coordinate, degree of freedom, θ₀.
     angles: Vec<(usize, usize, f64)>,
 }
@@ -84,29 +91,37 @@ impl FixmanPotential {
     pub fn new(layout: &Layout<f64>, kt: f64) -> Self {
         let gradient = vec![0.0; layout.nv()];
         let (layout, work) = (layout.clone(), LogDeterminantGradient::new(layout));
-        FixmanPotential { layout, kt, work, gradient, angles: Vec::new() }
+        FixmanPotential { layout, kt, work, gradient, rings: None, angles: Vec::new() }
     }
-    /// On a molecule, with the part of its open angles.
+    /// On a molecule, with the parts of its open angles and its flexible rings. On these the force is right along the closed rings;
+    /// across them it is what multipliers take away.
     ///
     /// # Errors
-    /// [`MoleculeError`] for flexible rings.
+    /// [`MoleculeError`] for closures that are redundant: their determinant is zero.
     pub fn of(torsion: &TorsionModel, kt: f64) -> Result<Self, MoleculeError> {
+        let mut rings = None;
         if torsion.has_rings() {
-            return Err(MoleculeError::new(
-                "Fixman's potential",
-                "flexible rings, whose force is not implemented",
-                "a molecule without flexible rings",
-                "keep the rings rigid, or sample the rigid model's distribution and weigh it by fixman_energy_of_rings",
-            ));
+            let redundant = |found: String| {
+                let remedy = "keep one of the rings rigid, or sample the rigid model's distribution";
+                MoleculeError::new("Fixman's potential", found, "closures that are independent", remedy)
+            };
+            let mut momenta =
+                ClosedMomenta::<f64>::new(torsion.model()).map_err(|e| redundant(e.to_string()))?;
+            momenta.place(&torsion.model().neutral::<f64>()).map_err(|e| redundant(e.to_string()))?;
+            if momenta.log_determinant().is_none() {
+                return Err(redundant("flexible rings whose closures are redundant".into()));
+            }
+            rings = Some(Box::new(RingDeterminant::new(torsion, momenta.dynamics().length())?));
         }
         let angles = torsion.open_angles().collect();
-        Ok(FixmanPotential { angles, ..Self::new(torsion.layout(), kt) })
+        Ok(FixmanPotential { rings, angles, ..Self::new(torsion.layout(), kt) })
     }
     /// kT.
     pub fn kt(&self) -> f64 {
         self.kt
     }
-    /// Adds Q_F to `forces` (nv) and returns U_F. Cost O(n): one articulated sweep and one sweep outward; no allocation.
+    /// Adds Q_F to `forces` (nv) and returns U_F. Cost O(n): one articulated sweep and one sweep outward; with flexible rings a
+    /// solution and a momentum sweep more for each row of their closures; no allocation.
     ///
     /// # Errors
     /// [`DynamicsError`]: shapes, closures, a hinge without inertia.
@@ -138,10 +153,14 @@ impl FixmanPotential {
             return Err(DynamicsError::Shape { argument: "forces", expected, found });
         }
         self.work.run(&self.layout, q, &mut self.gradient)?;
+        let mut logarithm = self.work.factors().log_determinant();
+        if let Some(rings) = &mut self.rings {
+            logarithm += rings.run(&self.layout, self.work.factors(), q, &mut self.gradient);
+        }
         for (force, gradient) in forces.iter_mut().zip(&self.gradient) {
             *force -= 0.5 * self.kt * gradient;
         }
-        let mut energy = 0.5 * self.kt * self.work.factors().log_determinant();
+        let mut energy = 0.5 * self.kt * logarithm;
         for &(coordinate, dof, start) in &self.angles {
             let (sin, cos) = (start + q[coordinate]).sin_cos();
             energy -= self.kt * sin.abs().ln();
@@ -151,8 +170,8 @@ impl FixmanPotential {
     }
 }
 
-/// ½ kT ln[det M · det(G M⁻¹ G*)] on the flexible rings of a molecule, up to a constant: the rigid model's samples weighed by
-/// e^(−U_F/kT) are those of the stiff limit. Angular rows of G count times the model's length. `q`: nq, on the closures.
+/// ½ kT ln[det M · det(G M⁻¹ G*)] on the flexible rings of a molecule, up to a constant: what [`FixmanPotential`] has without the
+/// part of open angles, from the elimination of the loops. Angular rows of G count times the model's length. `q`: nq, on the closures.
 /// Cost O(n).
 ///
 /// # Errors
@@ -189,6 +208,12 @@ where
             Some(fixman) => Ok(energy + fixman.evaluate(q, forces)?),
             None => Ok(energy),
         }
+    }
+    fn has_slow(&self) -> bool {
+        self.inner.has_slow()
+    }
+    fn evaluate_slow(&mut self, q: &[f64], forces: &mut [f64]) -> Result<f64, C::Error> {
+        self.inner.evaluate_slow(q, forces)
     }
 }
 

@@ -15,6 +15,7 @@ mod generalized_born;
 mod geometry;
 mod harmonic_angle;
 mod harmonic_bond;
+mod image;
 mod left_out;
 mod lennard_jones_table;
 mod neighbors;
@@ -22,6 +23,7 @@ mod nonbonded;
 mod periodic_torsion;
 mod rb_torsion;
 mod recognize;
+mod split;
 mod sweep;
 mod tiles;
 
@@ -319,6 +321,9 @@ impl Potential for ForceField {
         &self.names
     }
 
+    fn is_isotropic(&self) -> bool {
+        !self.terms.iter().any(|term| matches!(term, Term::Nonbonded(pairs) if pairs.is_periodic()))
+    }
     fn evaluate(
         &mut self,
         positions: &[Vec3<f64>],

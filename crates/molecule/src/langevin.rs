@@ -60,8 +60,9 @@ impl Exchange {
             v[i] = c * v[i] + of_v[i];
         }
         method.set_momenta_and_velocity(p, v)?;
-        // With flexible rings the momenta are now those of the cotangent space.
-        let after = if method.loops()?.is_some() { method.kinetic_energy()? } else { 0.5 * dot(p, v) };
+        // As they were set: in the cotangent space of flexible rings, and zero about still axes.
+        let set = method.state();
+        let after = 0.5 * dot(&set.p, &set.guess);
         Ok((after - before, after))
     }
     /// Reverses the momenta that were set last, at the configuration that the method has gone back to.

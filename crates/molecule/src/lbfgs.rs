@@ -3,17 +3,20 @@
 //! | symbol | meaning | source |
 //! |---|---|---|
 //! | s, y | step and change of the gradient, each in the axes of its own configuration | Nocedal & Wright 7.2 |
-//! | H₀ | γ M(q)⁻¹, γ = s·y / y·M⁻¹y: a torsion and a shift weigh by what they move | |
+//! | H₀ | γ M(q)⁻¹, γ = s·y / y·M⁻¹y: a torsion and a shift weigh by what they move; on closures their solution (`surface.rs`) | |
 //! | α | step length by bisection to the weak Wolfe conditions | Nocedal & Wright 3.1 |
+//!
+//! On closures forces and directions are their parts along them, and trial configurations are put on them; a pair (s, y) is taken to
+//! the next configuration as it is, and the direction that comes of it is projected.
 //!
 //! The method is here because libraries step on vectors: `liblbfgs` and `lbfgs` take slices, `argmin` parameters with
 //! addition, and none takes a metric.
 
+use crate::surface::Surface;
+use phipsi_closure::ClosureError;
 use phipsi_model::Model;
 use phipsi_motion::Conservative;
-use phipsi_motion::midpoint_momentum::MomentumSweep;
-use phipsi_recursion::articulated_sweep::SolveWorkspace;
-use phipsi_recursion::{ArticulatedSweep, DynamicsError, Layout};
+use phipsi_recursion::{DynamicsError, Layout};
 use std::collections::VecDeque;
 
 /// Pairs (s, y) that are kept.
@@ -74,12 +77,13 @@ struct Trial {
     forces: Vec<f64>,
 }
 
-/// Minimises a potential of a model's configuration.
+/// Minimises a potential of a model's configuration, on its closures where it has any. `layout`: of the model without closures.
 ///
 /// Ends without convergence where no step lowers the energy any more, at its rounding, or when the evaluations are used up.
 ///
 /// # Errors
-/// Of the potential at the start (a trial step without a value is shortened), and of the mass matrix.
+/// Of the potential at the start (a trial step without a value is shortened), of the mass matrix, and closures that are not closed
+/// near the start.
 pub fn lbfgs<C: Conservative>(
     model: &Model,
     layout: &Layout<f64>,
@@ -88,35 +92,34 @@ pub fn lbfgs<C: Conservative>(
     options: &MinimizeOptions,
 ) -> Result<Minimum, C::Error>
 where
-    C::Error: From<DynamicsError>,
+    C::Error: From<DynamicsError> + From<ClosureError>,
 {
     let nv = model.nv();
     let mut q = q.to_vec();
-    let mut sweep = ArticulatedSweep::new(layout, &q)?;
-    let mut workspace = SolveWorkspace::new(layout);
-    let mut momentum = MomentumSweep::new(layout);
+    let mut surface = Surface::new(model, layout, &mut q)?;
     let mass = model.total_mass();
     let mut forces = vec![0.0; nv];
     let mut energy = system.evaluate(&q, &mut forces)?;
+    surface.along(&q, &mut forces)?;
     let mut evaluations = 1;
     let mut memory: VecDeque<Pair> = VecDeque::with_capacity(MEMORY);
     let mut trial = Trial { q: q.clone(), forces: forces.clone() };
     let mut best = trial.clone();
     let (mut step, mut best_step) = (vec![0.0; nv], vec![0.0; nv]);
-    let (mut mu, mut unused) = (vec![0.0; nv], vec![0.0; nv]);
     while largest(&forces).1 > options.largest_force && evaluations < options.evaluations {
-        sweep.update(layout, &q)?;
+        surface.place(&q)?;
         let mut direction = forces.clone();
-        apply(&memory, &mut direction, |x| sweep.solve_in_place(layout, x, &mut workspace));
+        apply(&memory, &mut direction, |x| surface.solve(x));
+        let mut square = surface.tangent(&q, &mut direction);
         let mut slope = -dot(&direction, &forces);
         if !(slope < 0.0 && slope.is_finite()) {
             memory.clear();
             direction.copy_from_slice(&forces);
-            sweep.solve_in_place(layout, &mut direction, &mut workspace);
+            surface.solve(&mut direction);
+            square = surface.tangent(&q, &mut direction);
             slope = -dot(&direction, &forces);
         }
-        momentum.run(layout, &q, &direction, &mut mu, &mut unused);
-        let displacement = (dot(&direction, &mu) / mass).sqrt();
+        let displacement = (square / mass).sqrt();
         let longest = options.longest_step / displacement;
         let mut alpha = if memory.is_empty() { 0.1 * longest } else { longest.min(1.0) };
         let (mut low, mut high) = (0.0, f64::INFINITY);
@@ -125,9 +128,14 @@ where
         let mut lower = None;
         for _ in 0..MOST_TRIALS {
             step.iter_mut().zip(&direction).for_each(|(s, d)| *s = alpha * d);
-            model.integrate_into(&q, &step, &mut trial.q);
             evaluations += 1;
-            let value = system.evaluate(&trial.q, &mut trial.forces).ok().filter(|e| e.is_finite());
+            let value = match surface.retract(&q, &step, &mut trial.q) {
+                true => system.evaluate(&trial.q, &mut trial.forces).ok().filter(|e| e.is_finite()),
+                false => None,
+            };
+            if value.is_some() {
+                surface.along(&trial.q, &mut trial.forces)?;
+            }
             match value {
                 Some(e) if e <= energy + DECREASE * alpha * slope + noise => {
                     lower = Some(e);

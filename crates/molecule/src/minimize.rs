@@ -66,16 +66,13 @@ pub fn strain<P: Potential>(
 /// Minimises from a configuration. The strain of the start is returned with the minimum.
 ///
 /// # Errors
-/// [`MolecularError`] of the potential at the start; flexible rings.
+/// [`MolecularError`] of the potential at the start; flexible rings that are open there.
 pub fn minimize<P: Potential>(
     forces: &mut MolecularForces<P>,
     q: &[f64],
     options: &MinimizeOptions,
 ) -> Result<(Minimum, Option<Strain>), MolecularError> {
     let torsion = forces.torsion().clone();
-    if torsion.has_rings() {
-        return Err(MolecularError::FlexibleRings);
-    }
     let strain = strain(forces, q)?;
     let minimum = lbfgs(torsion.model(), torsion.layout(), forces, q, options)?;
     Ok((minimum, strain))

@@ -3,6 +3,7 @@
 use crate::force_field::{ForceField, LeftOut};
 use crate::potential::{Potential, PotentialError};
 use crate::torsion_model::{GatherWorkspace, Poses, TorsionModel};
+use phipsi_closure::ClosureError;
 use phipsi_model::Model;
 use phipsi_motion::{Conservative, Force, ForceError, Loads, Needs, Situation};
 use phipsi_recursion::DynamicsError;
@@ -19,8 +20,8 @@ pub enum MolecularError {
     Potential(PotentialError),
     /// A recursion failed.
     Dynamics(DynamicsError),
-    /// Minimisation of a molecule with flexible rings.
-    FlexibleRings,
+    /// Flexible rings that cannot be closed.
+    Closure(ClosureError),
 }
 
 impl fmt::Display for MolecularError {
@@ -28,9 +29,7 @@ impl fmt::Display for MolecularError {
         match self {
             MolecularError::Potential(e) => e.fmt(f),
             MolecularError::Dynamics(e) => e.fmt(f),
-            MolecularError::FlexibleRings => f.write_str(
-                "minimisation does not keep rings closed; minimise with rigid rings and start from its positions",
-            ),
+            MolecularError::Closure(e) => e.fmt(f),
         }
     }
 }
@@ -43,10 +42,21 @@ impl From<DynamicsError> for MolecularError {
     }
 }
 
+impl From<ClosureError> for MolecularError {
+    fn from(e: ClosureError) -> Self {
+        match e {
+            ClosureError::Dynamics(e) => MolecularError::Dynamics(e),
+            other => MolecularError::Closure(other),
+        }
+    }
+}
+
 /// A potential on a torsion model: one outward sweep for the positions, one inward sweep for the generalised forces.
 pub struct MolecularForces<P> {
     torsion: Arc<TorsionModel>,
     potential: P,
+    /// A slow part with its energies.
+    slow: Option<(P, Vec<f64>)>,
     poses: Poses,
     positions: Vec<Vec3<f64>>,
     forces: Vec<Vec3<f64>>,
@@ -66,7 +76,16 @@ impl<P: Potential> MolecularForces<P> {
             workspace: torsion.gather_workspace(),
             torsion,
             potential,
+            slow: None,
         }
+    }
+    /// The same with a part that changes slowly, which a step evaluates once: [`ForceField::split`], [`Midpoint::substeps`].
+    ///
+    /// [`Midpoint::substeps`]: phipsi_motion::Midpoint::substeps
+    pub fn with_slow(mut self, slow: P) -> Self {
+        let energies = vec![0.0; slow.terms().len()];
+        self.slow = Some((slow, energies));
+        self
     }
     /// The torsion model.
     pub fn torsion(&self) -> &Arc<TorsionModel> {
@@ -78,13 +97,15 @@ impl<P: Potential> MolecularForces<P> {
     }
     /// Names of the terms and their energies (kJ/mol) at the last configuration.
     pub fn energies(&self) -> impl Iterator<Item = (&str, f64)> {
-        self.potential.terms().iter().map(String::as_str).zip(self.energies.iter().copied())
+        let slow = self.slow.iter().flat_map(|(slow, energies)| slow.terms().iter().zip(energies));
+        let all = self.potential.terms().iter().zip(&self.energies).chain(slow);
+        all.map(|(name, energy)| (name.as_str(), *energy))
     }
     /// Positions of the atoms (nm) at the last configuration.
     pub fn positions(&self) -> &[Vec3<f64>] {
         &self.positions
     }
-    /// Forces on the atoms (kJ/mol/nm) at the last configuration.
+    /// Forces on the atoms (kJ/mol/nm) at the last configuration, of the part that was evaluated last.
     pub fn atom_forces(&self) -> &[Vec3<f64>] {
         &self.forces
     }
@@ -104,7 +125,12 @@ impl MolecularForces<ForceField> {
     pub fn leave_out_constants(&mut self, q: &[f64]) -> Result<Vec<LeftOut>, MolecularError> {
         self.torsion.positions_into(q, &mut self.poses, &mut self.positions)?;
         let groups = self.torsion.rigid_groups();
-        self.potential.leave_out(&groups, &self.positions).map_err(MolecularError::Potential)
+        let mut left_out =
+            self.potential.leave_out(&groups, &self.positions).map_err(MolecularError::Potential)?;
+        if let Some((slow, _)) = &mut self.slow {
+            left_out.extend(slow.leave_out(&groups, &self.positions).map_err(MolecularError::Potential)?);
+        }
+        Ok(left_out)
     }
 }
 
@@ -118,6 +144,19 @@ impl<P: Potential> Conservative for MolecularForces<P> {
             .map_err(MolecularError::Potential)?;
         self.torsion.gather_into(&self.poses, &self.forces, &mut self.workspace, out)?;
         Ok(self.energies.iter().sum())
+    }
+    fn has_slow(&self) -> bool {
+        self.slow.is_some()
+    }
+    fn evaluate_slow(&mut self, q: &[f64], out: &mut [f64]) -> Result<f64, MolecularError> {
+        let Some((slow, energies)) = &mut self.slow else {
+            out.fill(0.0);
+            return Ok(0.0);
+        };
+        self.torsion.positions_into(q, &mut self.poses, &mut self.positions)?;
+        slow.evaluate(&self.positions, energies, &mut self.forces).map_err(MolecularError::Potential)?;
+        self.torsion.gather_into(&self.poses, &self.forces, &mut self.workspace, out)?;
+        Ok(energies.iter().sum())
     }
 }
 
@@ -164,9 +203,9 @@ impl<P: Potential> Force for PotentialForce<P> {
     fn needs(&self) -> Needs {
         Needs { conservative: true, ..Needs::default() }
     }
-    /// A potential of the atoms' mutual positions leaves their common momentum alone.
+    /// A potential of the atoms' distances leaves their common momentum alone; a periodic box turns it.
     fn is_external(&self, _: &Model) -> bool {
-        false
+        !self.cache.borrow().forces.potential.is_isotropic()
     }
     fn add(
         &mut self,

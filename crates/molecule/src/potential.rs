@@ -7,6 +7,10 @@ use std::fmt;
 pub trait Potential: Send {
     /// Names of the terms, in the order of the energies.
     fn terms(&self) -> &[String];
+    /// True if turning all atoms together changes no energy: forces then keep the angular momentum. False in a periodic box.
+    fn is_isotropic(&self) -> bool {
+        true
+    }
     /// Energies of the terms, kJ/mol, and the force on every atom, kJ/mol/nm (both overwritten), at positions in nm.
     ///
     /// # Errors

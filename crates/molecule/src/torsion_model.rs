@@ -8,13 +8,14 @@
 //! |---|---|
 //! | one atom | translation, 3 degrees of freedom |
 //! | clusters and hinges, or one rigid cluster | free, 6; the root is the cluster whose heaviest branch is lightest |
-//! | all atoms on one line, nothing to turn | refused: three angles about a line are one too many |
+//! | all atoms on one line, nothing to turn | free with a still axis, 5 (`lines.rs`) |
 
 use crate::angles::Bend;
 use crate::atoms::{Atoms, MoleculeError, MoleculeErrors};
-use crate::clusters::{Clusters, HingeBond, is_linear};
+use crate::clusters::{Clusters, HingeBond};
 use crate::force_field::RigidGroups;
-use crate::roots::{Rooted, rooted};
+use crate::lines::straighten;
+use crate::roots::rooted;
 use phipsi_closure::{ClosedDynamics, ClosedMomenta, Conditions};
 use phipsi_model::{Body, Closure, ClosureKind, Inertia, Joint, JointKind, Model, ModelBuilder, Placement};
 use phipsi_recursion::layout::GROUND;
@@ -49,6 +50,8 @@ pub struct TorsionModel {
     angles: Vec<Option<f64>>,
     /// Independent rows of the closures at q = 0.
     rank: usize,
+    /// The largest distance by which atoms of linear molecules were put on their lines, nm.
+    straightened: f64,
 }
 
 /// Poses of the clusters at one configuration.
@@ -66,7 +69,7 @@ impl TorsionModel {
     /// The model of clusters at the given positions (nm), with its roots at the mass centroids of the trees.
     ///
     /// # Errors
-    /// [`MoleculeErrors`]: molecules whose atoms lie on one line, and what the model itself refuses.
+    /// [`MoleculeErrors`]: molecules whose atoms are all in one place, and what the model itself refuses.
     pub fn new(atoms: &Atoms, positions: &[Vec3<f64>], clusters: Clusters) -> Result<Self, MoleculeErrors> {
         Self::with_roots(atoms, positions, clusters, &[])
     }
@@ -97,7 +100,8 @@ impl TorsionModel {
             }
         }
         let order = rooted(atoms, &clusters, roots)?;
-        refuse_linear(atoms, positions, &clusters, &order)?;
+        let (lines, straight, straightened) = straighten(atoms, positions, &clusters, &order)?;
+        let positions = &straight[..];
         let mut names = Names::default();
         let mut builder = ModelBuilder::new("molecules").gravity([0.0; 3]);
         let mut body_names = vec![String::new(); clusters.clusters.len()];
@@ -128,9 +132,15 @@ impl TorsionModel {
                 Some((h, _)) => joint_names[h].clone(),
             };
             let placement = Placement { translation: (origin - from).0, ..Placement::IDENTITY };
-            builder = builder
-                .body(Body::new(body_names[c].as_str(), inertia(atoms, positions, members, origin)))
-                .joint(Joint::new(name, joint).at(placement), parent, body_names[c].as_str());
+            let mut body = Body::new(body_names[c].as_str(), inertia(atoms, positions, members, origin));
+            if let Some(line) = &lines[c] {
+                body = line.body(body);
+            }
+            builder = builder.body(body).joint(
+                Joint::new(name, joint).at(placement),
+                parent,
+                body_names[c].as_str(),
+            );
         }
         for closure in &clusters.closures {
             let name = names.closure(atoms.bond_label(closure.atoms));
@@ -181,7 +191,20 @@ impl TorsionModel {
         let rank = rank(&model)?;
         let hinges = turns;
         let atoms = atoms.clone();
-        Ok(TorsionModel { atoms, clusters, model, layout, bodies, sites, far, hinges, bends, angles, rank })
+        Ok(TorsionModel {
+            atoms,
+            clusters,
+            model,
+            layout,
+            bodies,
+            sites,
+            far,
+            hinges,
+            bends,
+            angles,
+            rank,
+            straightened,
+        })
     }
     /// The model: clusters as bodies, hinges as joints.
     pub fn model(&self) -> &Model {
@@ -223,24 +246,29 @@ impl TorsionModel {
     pub fn has_rings(&self) -> bool {
         !self.clusters.closures.is_empty()
     }
-    /// Makes velocities keep flexible rings closed, with the least change in kinetic energy: those of the Maxwell–Boltzmann
-    /// distribution of the tree become those of the closed rings. `q`: nq, `v`: nv.
+    /// Makes velocities keep flexible rings closed, and linear molecules from turning about their lines, with the least change in
+    /// kinetic energy: those of the Maxwell–Boltzmann distribution of the tree become those of the model. `q`: nq, `v`: nv.
     ///
     /// # Errors
     /// [`MoleculeErrors`]: lengths, and joints without inertia.
     pub fn close_velocities(&self, q: &[f64], v: &mut [f64]) -> Result<(), MoleculeErrors> {
+        self.model.still_axes().for_each(|axis| axis.remove(v));
         if self.has_rings() {
             let mut closed = ClosedDynamics::<f64>::new(&self.model).map_err(|e| loops_failed(&e))?;
             closed.project_velocity(q, v, &Conditions::default()).map_err(|e| loops_failed(&e))?;
         }
         Ok(())
     }
-    /// Number of degrees of freedom: torsions and bends of hinges, and six for each base (three for a single atom), less the
-    /// independent rows of the closures of flexible rings at q = 0.
+    /// Number of degrees of freedom: torsions and bends of hinges, and six for each base (five for a linear molecule, three for a
+    /// single atom), less the independent rows of the closures of flexible rings at q = 0.
     pub fn degrees_of_freedom(&self) -> usize {
-        self.model.nv() - self.rank
+        self.model.nv() - self.rank - self.model.still_axes().count()
     }
-    /// ln det M(q), in nm and Da; the same for every choice of roots. Cost O(n).
+    /// The largest distance (nm) by which an atom of a linear molecule was put on the line of its molecule.
+    pub fn straightened(&self) -> f64 {
+        self.straightened
+    }
+    /// ln det M(q), in nm and Da; the same for every choice of roots. A linear molecule adds a constant. Cost O(n).
     ///
     /// # Errors
     /// [`DynamicsError::Shape`].
@@ -414,7 +442,7 @@ fn ring_closure(
     }
 }
 
-fn loops_failed(e: &dyn std::fmt::Display) -> MoleculeErrors {
+pub(crate) fn loops_failed(e: &dyn std::fmt::Display) -> MoleculeErrors {
     let remedy = "keep the named hinge, or the ring, rigid";
     MoleculeErrors(vec![MoleculeError::new("flexible rings", e.to_string(), "loops that move", remedy)])
 }
@@ -440,29 +468,6 @@ fn inertia(atoms: &Atoms, positions: &[Vec3<f64>], members: &[usize], origin: Ve
     });
     let frame = Placement { translation: center.0, ..Placement::IDENTITY };
     Inertia { mass, frame, tensor: about.entries() }
-}
-
-fn refuse_linear(
-    atoms: &Atoms,
-    positions: &[Vec3<f64>],
-    clusters: &Clusters,
-    order: &[Rooted],
-) -> Result<(), MoleculeErrors> {
-    let mut errors = Vec::new();
-    for step in order.iter().filter(|s| s.hinge.is_none() && !s.has_hinges) {
-        let members = &clusters.clusters[step.cluster];
-        let points: Vec<Vec3<f64>> = members.iter().map(|&i| positions[i]).collect();
-        if members.len() > 1 && is_linear(&points) {
-            let names: Vec<String> = members.iter().map(|&i| atoms.label(i)).collect();
-            errors.push(MoleculeError::new(
-                format!("molecule of atoms {}", names.join(", ")),
-                "all its atoms lie on one line",
-                "atoms off the line, or single atoms: a free base has three angles, a line two",
-                "list the atoms as free, so that they move as points held by their bonds",
-            ));
-        }
-    }
-    if errors.is_empty() { Ok(()) } else { Err(MoleculeErrors(errors)) }
 }
 
 /// Names that were given, so that none is given twice.

@@ -5,7 +5,7 @@
 
 use allocation_counter::measure;
 use flate2::read::GzDecoder;
-use phipsi_formats::system::{System, SystemOptions, read_system};
+use phipsi_formats::system::{ForceKind, Periodic, System, SystemOptions, read_system};
 use phipsi_model::Random;
 use phipsi_molecule::{ForceField, LeftOut, Potential, RigidGroups};
 use phipsi_spatial::Vec3;
@@ -186,6 +186,11 @@ fn cutoffs() -> Vec<(String, System, Vec<Conformation>)> {
     all
 }
 
+/// Cutoffs in a right and an oblique periodic box that the molecule reaches out of.
+fn periodic() -> Vec<(String, System, Vec<Conformation>)> {
+    cases("cutoffs", ["periodic", "periodic_switched"])
+}
+
 fn cases<const N: usize>(folder: &str, names: [&str; N]) -> Vec<(String, System, Vec<Conformation>)> {
     names
         .map(|name| {
@@ -202,7 +207,7 @@ fn cases<const N: usize>(folder: &str, names: [&str; N]) -> Vec<(String, System,
 
 #[test]
 fn every_force_agrees_with_openmm() {
-    for (name, system, conformations) in every_force().into_iter().chain(cutoffs()) {
+    for (name, system, conformations) in every_force().into_iter().chain(cutoffs()).chain(periodic()) {
         let mut field = ForceField::new(&system).unwrap();
         for (k, (positions, terms)) in conformations.iter().enumerate() {
             let expected = terms.as_object().unwrap();
@@ -221,6 +226,46 @@ fn every_force_agrees_with_openmm() {
                 assert!(difference <= BAR, "{place}: {difference:e}");
             }
         }
+    }
+}
+
+/// Energies do not change when atoms go to their images, one by one, and forces move with them; without the mean energy beyond the
+/// cutoff a far larger box gives what no box does.
+#[test]
+fn images_of_atoms_are_the_atoms() {
+    for (name, system, conformations) in periodic() {
+        let vectors = system.box_vectors.unwrap().map(Vec3);
+        let mut field = ForceField::new(&system).unwrap();
+        let (x, n) = (&conformations[0].0, conformations[0].0.len());
+        let mut at = |x: &[V]| {
+            let mut forces = vec![Vec3([0.0; 3]); n];
+            (field.evaluate_term(0, x, &mut forces).unwrap(), forces)
+        };
+        let (energy, forces) = at(x);
+        let mut random = Random::new(2);
+        let moved: Vec<V> = x
+            .iter()
+            .map(|x| vectors.iter().fold(*x, |x, v| x + v.scale(random.below(5) as f64 - 2.0)))
+            .collect();
+        let (elsewhere, others) = at(&moved);
+        let exceptions = name == "periodic_switched";
+        // Exceptions that see no images are torn apart.
+        assert_eq!((energy - elsewhere).abs() < 1e-10 * energy.abs(), exceptions, "{energy} {elsewhere}");
+        if exceptions {
+            assert!(largest_difference(&forces, &others) < 1e-10 * largest(&forces));
+        }
+        let mut wide = system.clone();
+        let ForceKind::Nonbonded(tables) = &mut wide.forces[0].kind else { panic!("pairs") };
+        let mut box_vectors = tables.periodic.unwrap().box_vectors;
+        (0..3).for_each(|k| box_vectors[k][k] *= 16.0);
+        tables.periodic = Some(Periodic { box_vectors, exceptions, dispersion_correction: false });
+        let mut open = wide.clone();
+        let ForceKind::Nonbonded(tables) = &mut open.forces[0].kind else { panic!("pairs") };
+        tables.periodic = None;
+        let of = |system: &System| {
+            ForceField::new(system).unwrap().evaluate_term(0, x, &mut vec![Vec3([0.0; 3]); n]).unwrap()
+        };
+        assert!((of(&wide) - of(&open)).abs() < BAR * of(&open).abs(), "{} {}", of(&wide), of(&open));
     }
 }
 
@@ -311,7 +356,7 @@ fn what_is_not_finite_is_an_error_with_its_atoms() {
 #[test]
 fn nothing_is_allocated_in_an_evaluation() {
     assert_eq!(measure(|| drop(std::hint::black_box(vec![0u8; 8]))).count_total, 1);
-    for (name, system, conformations) in every_force().into_iter().chain(cutoffs()) {
+    for (name, system, conformations) in every_force().into_iter().chain(cutoffs()).chain(periodic()) {
         let mut field = ForceField::new(&system).unwrap();
         let positions = &conformations[0].0;
         let (mut energies, mut forces) =

@@ -3,6 +3,7 @@
 //! `PHIPSI_PICOSECONDS=100 cargo test --release -p phipsi-molecule --test all nve -- --nocapture` prints the noise of longer runs.
 
 use crate::common::molecule;
+use crate::common::statistics::about_a_line;
 use allocation_counter::measure;
 use phipsi_molecule::{
     Clustering, Clusters, Deviates, ForceField, MolecularForces, PotentialForce, TorsionModel, draw_momenta,
@@ -63,18 +64,10 @@ fn noise(name: &str, seed: u64, femtoseconds: f64, picoseconds: f64) -> Result<N
         energies.push(own + method.state().potential);
     }
     let n = steps as f64;
-    let (mean_t, mean_e) = (0.5 * (n - 1.0) * h, energies.iter().sum::<f64>() / n);
-    let (mut te, mut tt) = (0.0, 0.0);
-    for (i, e) in energies.iter().enumerate() {
-        let t = i as f64 * h - mean_t;
-        te += t * (e - mean_e);
-        tt += t * t;
-    }
-    let slope = te / tt;
-    let square = |(i, e): (usize, &f64)| (e - mean_e - slope * (i as f64 * h - mean_t)).powi(2);
+    let (rms, slope) = about_a_line(&energies);
     Ok(Noise {
-        rms: (energies.iter().enumerate().map(square).sum::<f64>() / n).sqrt(),
-        slope,
+        rms,
+        slope: slope / h,
         iterations: method.state().iterations as f64 / n,
         kelvin: temperature(kinetic / n, model.nv()),
     })

@@ -5,11 +5,12 @@
 
 use crate::common::chains::KT;
 use crate::common::molecule;
-use crate::common::statistics::{check_mean, p_value};
+use crate::common::statistics::{about_a_line, check_mean, p_value};
 use phipsi_closure::ClosedMomenta;
 use phipsi_molecule::{
     Angles, Atoms, BOLTZMANN, Bath, Clustering, Clusters, Deviates, Ensemble, FixmanPotential, ForceField,
-    MolecularForces, Potential, Rings, TorsionModel, WithFixman, draw_momenta, fixman_energy_of_rings,
+    MinimizeOptions, MolecularForces, Potential, Rings, TorsionModel, WithFixman, draw_momenta,
+    fixman_energy_of_rings, minimize,
 };
 use phipsi_motion::{Conservative, Midpoint};
 use phipsi_recursion::DynamicsError;
@@ -122,18 +123,8 @@ fn closed_rings_run_at_constant_energy() {
             (x[bond[0]] - x[bond[1]]).norm()
         };
         let stretched = (length(&method.state().q) - length(&torsion.model().neutral::<f64>())).abs();
-        let mean = energies.iter().sum::<f64>() / n as f64;
-        let middle = 0.5 * (n as f64 - 1.0);
-        let (mut te, mut tt) = (0.0, 0.0);
-        for (i, e) in energies.iter().enumerate() {
-            te += (i as f64 - middle) * h * (e - mean);
-            tt += ((i as f64 - middle) * h).powi(2);
-        }
-        let slope = te / tt;
-        let rms = (energies.iter().enumerate())
-            .map(|(i, e)| (e - mean - slope * (i as f64 - middle) * h).powi(2))
-            .sum::<f64>();
-        let rms = (rms / n as f64).sqrt();
+        let (rms, slope) = about_a_line(&energies);
+        let slope = slope / h;
         let dof = torsion.degrees_of_freedom();
         println!(
             "{name}: {n} steps of {h} ps, {dof} degrees of freedom: closure {open:.1e}, bond {stretched:.1e} nm, noise \
@@ -181,8 +172,137 @@ fn the_temperature_counts_the_closed_degrees_of_freedom() {
     // Velocities forget themselves in 25 steps: 240 values of 13 squares have a deviation of √(2/(240·13)) = 0.025.
     println!("2⟨K⟩/(n kT) = {ratio:.3}");
     assert!((ratio - 1.0).abs() < 4.0 * 0.025, "{ratio}");
-    assert!(Bath::new(&mut method, Ensemble::NoseHoover { relaxation: 0.1 }, KT, 3).is_err());
-    assert!(FixmanPotential::of(&torsion, KT).is_err());
+}
+
+/// Chains on rigid and internal motion keep rings closed, conserve their energy to second order, and give the temperature.
+#[test]
+fn nose_hoover_chains_leave_rings_closed() {
+    let (torsion, mut forces) = model("ace_pro_nme", "min", &flexible());
+    let start = thermal(&torsion, &mut forces, (300.0, 0.001, 9));
+    let mut run = |h: f64, steps: usize| {
+        let mut method = start.clone();
+        let mut bath = Bath::new(&mut method, Ensemble::NoseHoover { relaxation: 0.1 }, KT, 3).unwrap();
+        assert_eq!(bath.degrees_of_freedom(), torsion.degrees_of_freedom() - 3);
+        let (mut conserved, mut sum, mut open) = (Vec::new(), 0.0, 0.0f64);
+        for _ in 0..steps {
+            bath.advance(&mut method, &mut forces, h, 1).unwrap();
+            let kinetic = method.kinetic_energy().unwrap();
+            sum += kinetic;
+            conserved.push(kinetic + method.state().potential - bath.heat());
+            let residual = method.residual().unwrap().unwrap();
+            open = open.max(residual.position).max(residual.velocity * h);
+        }
+        let freedom = bath.degrees_of_freedom() as f64;
+        (about_a_line(&conserved).0, 2.0 * sum / (steps as f64 * KT * freedom), open)
+    };
+    let (fine, _, open) = run(0.001, 2000);
+    let (coarse, ..) = run(0.002, 1000);
+    let (_, ratio, _) = run(0.002, 10_000);
+    println!("noise {fine:.2e}, {coarse:.2e} kJ/mol, 2⟨K⟩/(n kT) {ratio:.3}, open {open:.1e}");
+    // Second order over the same 2 ps: a factor of four within two.
+    assert!(coarse < 8.0 * fine && fine < 0.02, "{fine:e} {coarse:e}");
+    assert!(open < 1e-12, "{open:e}");
+    // Twenty picoseconds have some two hundred relaxation times of ten squares.
+    assert!((ratio - 1.0).abs() < 4.0 * (2.0 / (200.0 * 10.0f64)).sqrt(), "{ratio}");
+}
+
+/// The minimum of a molecule with flexible rings is closed, below that with rigid ones, and no motion of the rings lowers it.
+#[test]
+fn minima_with_flexible_rings_are_closed() {
+    for (name, id) in [("ace_pro_nme", "md"), ("caac_ss", "min")] {
+        let lowest = |clustering: &Clustering| {
+            let (torsion, mut forces) = model(name, id, clustering);
+            let q = torsion.model().neutral::<f64>();
+            let (minimum, _) = minimize(&mut forces, &q, &MinimizeOptions::default()).unwrap();
+            assert!(minimum.converged, "{name}: {minimum:?}");
+            (torsion, forces, minimum)
+        };
+        let (_, _, rigid) = lowest(&Clustering::default());
+        let (torsion, mut forces, minimum) = lowest(&flexible());
+        println!(
+            "{name}: {} rigid, {} flexible, {} evaluations",
+            rigid.energy, minimum.energy, minimum.evaluations
+        );
+        assert!(minimum.energy < rigid.energy - 0.01, "{name}");
+        // A run from there, without speed, stays closed and where it is: forces along the rings are gone.
+        let nv = torsion.model().nv();
+        let mut method =
+            Midpoint::new(torsion.model(), &mut forces, 0.0, &minimum.q, &vec![0.0; nv]).unwrap();
+        assert!(method.residual().unwrap().unwrap().position < 1e-12);
+        let start = method.state().potential;
+        assert!((start - minimum.energy).abs() < 1e-9 * (1.0 + start.abs()));
+        let mut most = 0.0f64;
+        for _ in 0..200 {
+            method.step(&mut forces, 0.001).unwrap();
+            most = most.max(method.kinetic_energy().unwrap());
+        }
+        // ½ f·H⁻¹f of a residual force of 0.01 kJ/mol/rad in each of some twenty soft directions.
+        assert!(most < 1e-3, "{name}: {most:e}");
+    }
+}
+
+/// Fixman's potential on rings against differences along the closed rings, and its energy against the elimination of the loops.
+#[test]
+fn fixmans_force_is_the_gradient_along_the_closed_rings() {
+    for (name, id) in [("ace_pro_nme", "min"), ("caac_ss", "min")] {
+        let (torsion, mut forces) = model(name, id, &flexible());
+        let method = thermal(&torsion, &mut forces, (300.0, 0.001, 5));
+        let mut fixman = FixmanPotential::of(&torsion, KT).unwrap();
+        let mut momenta = ClosedMomenta::<f64>::new(torsion.model()).unwrap();
+        let mut closed = phipsi_closure::ClosedDynamics::<f64>::new(torsion.model()).unwrap();
+        let (q, nv) = (method.state().q.clone(), torsion.model().nv());
+        let mut force = vec![0.0; nv];
+        let energy = fixman.evaluate(&q, &mut force).unwrap();
+        let sines: f64 = torsion.open_angles().map(|(c, _, start)| (start + q[c]).sin().ln()).sum();
+        let other = fixman_energy_of_rings(&mut momenta, &q, KT).unwrap().unwrap() - KT * sines;
+        // ln det of matrices of condition 1e6.
+        assert!((energy - other).abs() < 1e-9 * energy.abs(), "{name}: {energy} {other}");
+        let mut deviates = Deviates::new(6);
+        let mut worst = 0.0f64;
+        for _ in 0..10 {
+            let mut v = vec![0.0; nv];
+            deviates.fill_normal(&mut v);
+            torsion.close_velocities(&q, &mut v).unwrap();
+            let size = v.iter().map(|v| v * v).sum::<f64>().sqrt();
+            v.iter_mut().for_each(|v| *v /= size);
+            let mut at = |step: f64| {
+                let x: Vec<f64> = v.iter().map(|v| step * v).collect();
+                let mut there = torsion.model().integrate(&q, &x);
+                closed.project_position(&mut there, &Default::default()).unwrap();
+                fixman.evaluate(&there, &mut vec![0.0; nv]).unwrap()
+            };
+            // The way over the surface differs from its tangent by second order, which the odd part does not see; fifth order next.
+            let h = 2e-3;
+            let slope = (8.0 * (at(h) - at(-h)) - (at(2.0 * h) - at(-2.0 * h))) / (12.0 * h);
+            let own: f64 = -force.iter().zip(&v).map(|(f, v)| f * v).sum::<f64>();
+            worst = worst.max((slope - own).abs());
+            // ε of the energy over the step, and its fifth derivative.
+            assert!((slope - own).abs() < 1e-6 * KT, "{name}: {slope} {own}");
+        }
+        println!("{name}: {worst:.1e} kJ/mol/rad");
+    }
+}
+
+/// Langevin dynamics with Fixman's potential on rings conserves its energy to second order, as its force is the gradient.
+#[test]
+fn fixmans_potential_on_rings_keeps_the_energy() {
+    let (torsion, mut forces) = model("ace_pro_nme", "min", &flexible());
+    let mut fixman = FixmanPotential::of(&torsion, KT).unwrap();
+    let start = thermal(&torsion, &mut forces, (300.0, 0.001, 5));
+    let mut noise = |h: f64| {
+        let mut method = start.clone();
+        let mut system = WithFixman { inner: &mut forces, fixman: Some(&mut fixman) };
+        method.refresh(&mut system).unwrap();
+        let energies: Vec<f64> = (0..(0.5 / h) as usize)
+            .map(|_| {
+                method.step(&mut system, h).unwrap();
+                method.kinetic_energy().unwrap() + method.state().potential
+            })
+            .collect();
+        about_a_line(&energies).0
+    };
+    let order = (noise(2e-3) / noise(1e-3)).log2();
+    assert!((order - 2.0).abs() < 0.2, "{order}");
 }
 
 /// det M · det(G M⁻¹ G*) against a dense determinant: of M on the tangent space of the closures, det M det(G M⁻¹ G*) =

@@ -16,15 +16,22 @@
 //! the momenta at its end are projected onto the cotangent space there, J M⁻¹ p = 0. Still symplectic on the closures,
 //! reversible, of second order. The iteration is M d = r + J* λ, J d = Φ(q⁺)/h with the factors at q: d depends on v alone, so
 //! that the same mixing serves.
+//!
+//! Multiple time steps (reversible reference system propagator, Tuckerman, Berne, Martyna 1992): where the system has a slow
+//! part, a step is half a kick of it, [`Midpoint::substeps`] steps with the rest, half a kick of it: three maps that are each
+//! symplectic and reversible, of second order.
+//!
+//! Momenta about still axes ([`Model::still_axes`]) are zero. The discrete Lagrangian does not change when such a body is turned
+//! about its axis, so that the drift keeps them; their rounding is taken away after each step.
 
-use crate::conservative::{Conservative, evaluate};
+use crate::conservative::{Conservative, Part, evaluate};
 use crate::midpoint_error::MidpointError;
 use crate::midpoint_maps::{differential_adjoint, increment_adjoint, map_momenta};
 use crate::midpoint_mixing::Mixing;
 use crate::midpoint_momentum::MomentumSweep;
 use crate::system::Projected;
 use phipsi_closure::{ClosedMomenta, Conditions};
-use phipsi_model::Model;
+use phipsi_model::{Model, StillAxis};
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{ArticulatedSweep, DynamicsError, Layout};
 
@@ -43,8 +50,11 @@ pub struct MidpointState {
     pub p: Vec<f64>,
     /// Generalised forces at q, nv.
     pub forces: Vec<f64>,
-    /// Potential energy at q.
+    /// Potential energy at q, slow part included.
     pub potential: f64,
+    /// Generalised forces of the slow part at q, nv; empty where there is none.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub slow: Vec<f64>,
     /// Velocity in the middle of the last drift, where the next one starts to iterate.
     pub guess: Vec<f64>,
     /// Steps made.
@@ -61,6 +71,7 @@ impl MidpointState {
             ("p", nv, self.p.len()),
             ("forces", nv, self.forces.len()),
             ("guess", nv, self.guess.len()),
+            ("slow", if self.slow.is_empty() { 0 } else { nv }, self.slow.len()),
         ] {
             if expected != found {
                 return Err(DynamicsError::Shape { argument, expected, found });
@@ -70,10 +81,14 @@ impl MidpointState {
     }
     /// Becomes another state of the same model, without an allocation.
     pub fn copy(&mut self, other: &Self) {
-        let MidpointState { t, q, p, forces, potential, guess, steps, iterations } = other;
-        for (to, from) in
-            [(&mut self.q, q), (&mut self.p, p), (&mut self.forces, forces), (&mut self.guess, guess)]
-        {
+        let MidpointState { t, q, p, forces, potential, slow, guess, steps, iterations } = other;
+        for (to, from) in [
+            (&mut self.q, q),
+            (&mut self.p, p),
+            (&mut self.forces, forces),
+            (&mut self.slow, slow),
+            (&mut self.guess, guess),
+        ] {
             to.clone_from(from);
         }
         (self.t, self.potential, self.steps, self.iterations) = (*t, *potential, *steps, *iterations);
@@ -98,12 +113,18 @@ pub struct Midpoint {
     /// Stops the iteration at corrections of this relative size; 0 iterates to rounding, which reversibility and exact
     /// momenta need.
     pub tolerance: f64,
+    /// Steps with the fast forces in a step, where the system has slow ones; 0 is 1.
+    pub substeps: usize,
     sweep: ArticulatedSweep<f64>,
     /// The factors are those of the present q.
     factored: bool,
     /// Loops, if there are any, and whether their factors are those of the present q.
     closed: Option<Box<ClosedMomenta<f64>>>,
     placed: bool,
+    /// Axes about which bodies do not turn.
+    still: Vec<StillAxis>,
+    /// The state before a step of several.
+    saved: Option<Box<MidpointState>>,
     momentum: MomentumSweep<f64>,
     solve: SolveWorkspace<f64>,
     mixing: Mixing,
@@ -160,6 +181,7 @@ impl Midpoint {
             p: p.clone(),
             forces,
             potential,
+            slow: Vec::new(),
             guess: v.to_vec(),
             steps: 0,
             iterations: 0,
@@ -167,10 +189,13 @@ impl Midpoint {
         let mut method = Midpoint {
             state,
             tolerance: 0.0,
+            substeps: 1,
             sweep,
             factored: true,
             closed,
             placed: false,
+            still: model.still_axes().collect(),
+            saved: None,
             momentum,
             solve: SolveWorkspace::new(&layout),
             mixing: Mixing::new(nv),
@@ -189,9 +214,10 @@ impl Midpoint {
             model: model.clone(),
             layout,
         };
-        if method.closed.is_some() {
+        if method.closed.is_some() || !method.still.is_empty() {
             method.set_momenta(&p).map_err(failed)?;
         }
+        method.find_slow(system)?;
         Ok(method)
     }
     /// The model.
@@ -216,8 +242,8 @@ impl Midpoint {
         self.moved();
         Ok(())
     }
-    /// Sets the momenta, at the present configuration; with loops, their part in the cotangent space of the closures. The next
-    /// drift starts to iterate from M⁻¹ p, so that what follows depends on (q, p) alone.
+    /// Sets the momenta, at the present configuration; with loops, their part in the cotangent space of the closures; those about
+    /// still axes are zero. The next drift starts to iterate from M⁻¹ p, so that what follows depends on (q, p) alone.
     ///
     /// # Errors
     /// [`DynamicsError`].
@@ -227,10 +253,12 @@ impl Midpoint {
             return Err(DynamicsError::Shape { argument: "p", expected, found });
         }
         self.loops()?;
+        self.y.copy_from_slice(p);
+        self.still.iter().for_each(|axis| axis.remove(&mut self.y));
         if let Some(closed) = &mut self.closed {
-            closed.solve(p, None, &mut self.velocity, &mut self.state.p)?;
+            closed.solve(&self.y, None, &mut self.velocity, &mut self.state.p)?;
         } else {
-            self.state.p.copy_from_slice(p);
+            self.state.p.copy_from_slice(&self.y);
             self.velocity()?;
         }
         self.state.guess.copy_from_slice(&self.velocity);
@@ -253,6 +281,10 @@ impl Midpoint {
         }
         self.state.p.copy_from_slice(p);
         self.state.guess.copy_from_slice(v);
+        for axis in &self.still {
+            axis.remove(&mut self.state.p);
+            axis.remove(&mut self.state.guess);
+        }
         Ok(())
     }
     /// Counts the time, steps and iterations of a rejected trajectory, whose state is not kept.
@@ -265,9 +297,25 @@ impl Midpoint {
     /// [`MidpointError`]; the state is that before.
     pub fn refresh<C: Conservative>(&mut self, system: &mut C) -> Result<(), MidpointError<C::Error>> {
         let (t, s) = (self.state.t, &mut self.state);
-        let potential = evaluate(system, &self.layout, t, &s.q, &mut self.next_forces)?;
+        let potential = evaluate(system, Part::Fast, &self.layout, t, &s.q, &mut self.next_forces)?;
+        let mut slow = Vec::new();
+        let mut of_slow = 0.0;
+        if system.has_slow() {
+            slow = vec![0.0; s.p.len()];
+            of_slow = evaluate(system, Part::Slow, &self.layout, t, &s.q, &mut slow)?;
+        }
         std::mem::swap(&mut s.forces, &mut self.next_forces);
-        s.potential = potential;
+        (s.potential, s.slow) = (potential + of_slow, slow);
+        Ok(())
+    }
+    /// Evaluates the slow part at the present configuration where it has not been.
+    fn find_slow<C: Conservative>(&mut self, system: &mut C) -> Result<(), MidpointError<C::Error>> {
+        let s = &mut self.state;
+        if system.has_slow() && s.slow.is_empty() {
+            let mut slow = vec![0.0; s.p.len()];
+            s.potential += evaluate(system, Part::Slow, &self.layout, s.t, &s.q, &mut slow)?;
+            s.slow = slow;
+        }
         Ok(())
     }
     /// Goes back to a state of this method: [`Midpoint::restore`] without an allocation.
@@ -284,12 +332,12 @@ impl Midpoint {
     fn moved(&mut self) {
         (self.factored, self.placed) = (false, false);
     }
-    /// Degrees of freedom: nv, less the independent rows of the closures at the present configuration.
+    /// Degrees of freedom: nv, less the independent rows of the closures at the present configuration and the still axes.
     ///
     /// # Errors
     /// [`DynamicsError::SingularHinge`].
     pub fn degrees_of_freedom(&mut self) -> Result<usize, DynamicsError> {
-        Ok(self.model.nv() - self.loops()?.map_or(0, |closed| closed.rank()))
+        Ok(self.model.nv() - self.still.len() - self.loops()?.map_or(0, |closed| closed.rank()))
     }
     /// What is open of the closures and of their rates; `None` for a tree.
     ///
@@ -350,11 +398,73 @@ impl Midpoint {
         Ok(0.5 * dot(&self.velocity, &self.state.p))
     }
 
-    /// One step of size h: half a kick, a drift, the forces at its end, half a kick. h may be negative.
+    /// One step of size h: half a kick, a drift, the forces at its end, half a kick; between half-kicks of the slow part, where
+    /// the system has one, as many of them as [`Midpoint::substeps`]. h may be negative.
     ///
     /// # Errors
     /// [`MidpointError`]; the state is that before the step.
     pub fn step<C: Conservative>(
+        &mut self,
+        system: &mut C,
+        h: f64,
+    ) -> Result<DriftInfo, MidpointError<C::Error>> {
+        if !system.has_slow() {
+            return self.step_once(system, h);
+        }
+        let mut saved = self.saved.take().unwrap_or_else(|| Box::new(self.state.clone()));
+        saved.copy(&self.state);
+        let done = self.step_several(system, h);
+        if done.is_err() {
+            self.state.copy(&saved);
+            self.moved();
+        }
+        self.saved = Some(saved);
+        done
+    }
+
+    /// Half a kick of the slow part, steps with the fast one, half a kick. The iterations are those of the worst drift.
+    fn step_several<C: Conservative>(
+        &mut self,
+        system: &mut C,
+        h: f64,
+    ) -> Result<DriftInfo, MidpointError<C::Error>> {
+        self.find_slow(system)?;
+        let (start, steps) = (self.state.t, self.state.steps);
+        let failed = |cause| MidpointError::Dynamics { t: start, cause };
+        self.kick(0.5 * h).map_err(failed)?;
+        let n = self.substeps.max(1);
+        let mut worst = DriftInfo { iterations: 0, correction: 0.0 };
+        for _ in 0..n {
+            let info = self.step_once(system, h / n as f64)?;
+            if info.iterations > worst.iterations {
+                worst = info;
+            }
+        }
+        let s = &mut self.state;
+        (s.t, s.steps) = (start + h, steps + 1);
+        s.potential += evaluate(system, Part::Slow, &self.layout, s.t, &s.q, &mut s.slow)?;
+        self.kick(0.5 * h).map_err(failed)?;
+        Ok(worst)
+    }
+
+    /// p ← p + h Q of the slow part; with loops, its part in the cotangent space of the closures.
+    fn kick(&mut self, h: f64) -> Result<(), DynamicsError> {
+        for (y, (p, force)) in self.y.iter_mut().zip(self.state.p.iter().zip(&self.state.slow)) {
+            *y = p + h * force;
+        }
+        self.still.iter().for_each(|axis| axis.remove(&mut self.y));
+        self.loops()?;
+        match &mut self.closed {
+            Some(closed) => closed.solve(&self.y, None, &mut self.velocity, &mut self.state.p),
+            None => {
+                self.state.p.copy_from_slice(&self.y);
+                Ok(())
+            }
+        }
+    }
+
+    /// Half a kick, a drift, the forces at its end, half a kick.
+    fn step_once<C: Conservative>(
         &mut self,
         system: &mut C,
         h: f64,
@@ -364,7 +474,7 @@ impl Midpoint {
         }
         let info = self.drift(h)?;
         let t = self.state.t + h;
-        let potential = evaluate(system, &self.layout, t, &self.next_q, &mut self.next_forces)?;
+        let potential = evaluate(system, Part::Fast, &self.layout, t, &self.next_q, &mut self.next_forces)?;
         for (p, force) in self.next_p.iter_mut().zip(&self.next_forces) {
             *p += 0.5 * h * force;
         }
@@ -376,6 +486,7 @@ impl Midpoint {
                 .map_err(|cause| MidpointError::Dynamics { t, cause })?;
             std::mem::swap(&mut self.next_p, &mut self.y);
         }
+        self.still.iter().for_each(|axis| axis.remove(&mut self.next_p));
         let s = &mut self.state;
         std::mem::swap(&mut s.p, &mut self.next_p);
         std::mem::swap(&mut s.q, &mut self.next_q);

@@ -8,7 +8,7 @@
 //! | `flexible` | the class `FlexibleBody`, and methods of the class `Model` about modes |
 //! | `closure`, `closure_projection`, `closure_motion` | methods of the class `Model` about loops; the class `ClosureProjection`; closures that move |
 //! | `molecule`, `source` | the class `System`: energies and forces of molecules |
-//! | `torsion_model`, `torsion_positions`, `torsion_minimum`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
+//! | `torsion_model`, `torsion_positions`, `torsion_minimum`, `torsion_recluster`, `clustering`, `torsion_run` | the class `TorsionModel`: molecules in torsions |
 //! | `engine` | the forces of a torsion model: its System's, or a function in Python |
 //! | `simulate`, `trajectory`, `simulator` | motion |
 //! | `errors`, `report`, `pickle` | exceptions with fields, reports of readers, results in other processes |
@@ -40,6 +40,7 @@ mod source;
 mod torsion_minimum;
 mod torsion_model;
 mod torsion_positions;
+mod torsion_recluster;
 mod torsion_run;
 mod trajectory;
 mod velocities;

@@ -191,7 +191,8 @@ impl System {
     /// Parameters
     /// ----------
     /// pdb : names, elements and positions.
-    /// system_xml : masses and forces. Periodic cutoffs, virtual sites and periodic boxes in use are refused.
+    /// system_xml : masses and forces. Of a periodic box NonbondedForce's CutoffPeriodic is read; Ewald sums, other forces in a box
+    ///     and virtual sites are refused.
     /// strict : True refuses warnings too.
     /// ignore : names or classes of forces that are left out.
     ///

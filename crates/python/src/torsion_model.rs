@@ -66,7 +66,7 @@ pub struct OwnBath {
 ///
 /// Raises
 /// ------
-/// ArgumentError; ModelError for hinges in rings and for molecules on one line; NumericalError where the energy has no value.
+/// ArgumentError; ModelError for hinges in rings and for atoms that are all in one place; NumericalError where the energy has no value.
 ///
 /// Example
 /// -------
@@ -93,6 +93,16 @@ pub struct TorsionModel {
     busy: AtomicBool,
 }
 
+/// Time and velocities that a model begins with.
+pub struct Start {
+    /// ps.
+    pub t: f64,
+    /// nv.
+    pub v: Vec<f64>,
+    /// Otherwise a run draws them.
+    pub has_velocities: bool,
+}
+
 /// Keeps a second thread from running the same molecule.
 pub struct Busy<'a>(&'a AtomicBool);
 
@@ -103,6 +113,14 @@ impl Drop for Busy<'_> {
 }
 
 impl TorsionModel {
+    /// The System.
+    pub fn system_of(&self, py: Python<'_>) -> Py<System> {
+        self.system.clone_ref(py)
+    }
+    /// True if forces are those of the System's own terms.
+    pub fn is_native(&self, py: Python<'_>) -> bool {
+        py.detach(|| matches!(self.lock().forces.potential(), Engine::Native(_)))
+    }
     /// The state; to be called with the interpreter released.
     pub fn lock(&self) -> MutexGuard<'_, Moving> {
         self.waiting.fetch_add(1, Ordering::AcqRel);
@@ -181,7 +199,38 @@ impl TorsionModel {
         });
         placed.map_err(|e| self.step_error(py, &e))
     }
-    fn q_and_v(&self, py: Python<'_>) -> PyResult<(Vec<f64>, Vec<f64>)> {
+    /// A model at its neutral configuration. `kept`: constraints that its clusters satisfy.
+    pub fn made(
+        py: Python<'_>,
+        s: &Bound<'_, System>,
+        (torsion, kept): (Torsion, usize),
+        forces: Option<&Bound<'_, PyAny>>,
+        start: Start,
+    ) -> PyResult<Self> {
+        let loaded = s.get().loaded();
+        let torsion = Arc::new(torsion);
+        let model = Py::new(py, Model::made(py, torsion.model().clone(), report(&torsion, kept))?)?;
+        let (engine, callback) = Engine::new(py, &loaded, forces)?;
+        let mut forces = MolecularForces::new(torsion.clone(), engine);
+        let method = py.detach(|| {
+            let q = torsion.model().neutral::<f64>();
+            Midpoint::new(torsion.model(), &mut forces, start.t, &q, &start.v)
+        });
+        let describe = |e: MidpointError<MolecularError>| match e {
+            MidpointError::Force { cause: MolecularError::Potential(e), .. } => {
+                potential_error(py, &e, &loaded.molecule.describe(&e), None)
+            }
+            MidpointError::Dynamics { cause, .. } => dynamics_error(py, &cause, None),
+            other => exception(py, "NumericalError", &other.to_string(), vec![]),
+        };
+        let method = method.map_err(|e| callback.raised.take().unwrap_or_else(|| describe(e)))?;
+        let has_velocities = start.has_velocities;
+        let moving =
+            Box::new(Mutex::new(Moving { forces, method, has_velocities, stale: false, bath: None }));
+        let (system, waiting, busy) = (s.clone().unbind(), AtomicUsize::new(0), AtomicBool::new(false));
+        Ok(TorsionModel { loaded, torsion, system, model, moving, callback, waiting, busy })
+    }
+    pub fn q_and_v(&self, py: Python<'_>) -> PyResult<(Vec<f64>, Vec<f64>)> {
         self.refuse_inside(py)?;
         let state = py.detach(|| {
             let mut moving = self.lock();
@@ -243,26 +292,8 @@ impl TorsionModel {
             Ok((Torsion::new(atoms, &x, clusters)?, kept))
         });
         let (torsion, kept) = built.map_err(|e| molecule_error(py, &e))?;
-        let torsion = Arc::new(torsion);
-        let model = Py::new(py, Model::made(py, torsion.model().clone(), report(&torsion, kept))?)?;
-        let (engine, callback) = Engine::new(py, &loaded, forces)?;
-        let mut forces = MolecularForces::new(torsion.clone(), engine);
-        let method = py.detach(|| {
-            let (q, v) = (torsion.model().neutral::<f64>(), vec![0.0; torsion.model().nv()]);
-            Midpoint::new(torsion.model(), &mut forces, 0.0, &q, &v)
-        });
-        let describe = |e: MidpointError<MolecularError>| match e {
-            MidpointError::Force { cause: MolecularError::Potential(e), .. } => {
-                potential_error(py, &e, &loaded.molecule.describe(&e), None)
-            }
-            MidpointError::Dynamics { cause, .. } => dynamics_error(py, &cause, None),
-            other => exception(py, "NumericalError", &other.to_string(), vec![]),
-        };
-        let method = method.map_err(|e| callback.raised.take().unwrap_or_else(|| describe(e)))?;
-        let moving =
-            Box::new(Mutex::new(Moving { forces, method, has_velocities: false, stale: false, bath: None }));
-        let (system, waiting, busy) = (s.clone().unbind(), AtomicUsize::new(0), AtomicBool::new(false));
-        Ok(TorsionModel { loaded, torsion, system, model, moving, callback, waiting, busy })
+        let start = Start { t: 0.0, v: vec![0.0; torsion.model().nv()], has_velocities: false };
+        Self::made(py, s, (torsion, kept), forces, start)
     }
     /// The System.
     #[getter]
@@ -274,8 +305,8 @@ impl TorsionModel {
     fn model(&self, py: Python<'_>) -> Py<Model> {
         self.model.clone_ref(py)
     }
-    /// Number of degrees of freedom: hinges and open angles, and 6 for every molecule (3 for a single atom), less what closes
-    /// flexible rings.
+    /// Number of degrees of freedom: hinges and open angles, and 6 for every molecule (5 for a linear one, 3 for a single atom),
+    /// less what closes flexible rings.
     #[getter]
     fn degrees_of_freedom(&self) -> usize {
         self.torsion.degrees_of_freedom()

@@ -111,15 +111,18 @@ fn a_flexible_ring_stays_closed() {
     assert!(closures.position < 1e-12 && closures.velocity < 1e-10, "{closures:?}");
     let energy = |r: &Row| r.energy[0] + r.energy[1];
     assert!(rows.iter().all(|r| (energy(r) - energy(&rows[0])).abs() < 0.1));
-    // Minimised with a rigid ring, Langevin dynamics with a flexible one.
-    let bath = flexible.replace("seed = 1", "seed = 1\nminimize = true");
-    let bath = bath.replace("step_fs = 2", "step_fs = 2\nensemble = \"langevin\"");
-    assert!(self::rows(&bath).1.closures.unwrap().position < 1e-12);
+    // Minimised with the flexible ring; Langevin dynamics with Fixman's potential, Nosé–Hoover chains.
+    for (ensemble, keys) in
+        [("langevin", "minimize = true\nfixman = true"), ("nose_hoover", "minimize = true")]
+    {
+        let bath = flexible.replace("seed = 1", &format!("seed = 1\n{keys}"));
+        let bath = bath.replace("step_fs = 2", &format!("step_fs = 2\nensemble = \"{ensemble}\""));
+        assert!(self::rows(&bath).1.closures.unwrap().position < 1e-12, "{ensemble}");
+    }
     let refused = |text: &str| {
         let errors: Vec<Problem> = reports(text).into_iter().flat_map(|r| r.errors).collect();
         format!("{:?}", errors[0])
     };
-    assert!(refused(&flexible.replace("seed = 1", "fixman = true")).contains("flexible rings"));
     assert!(refused(&text.replace("seed = 1", "rings = \"floppy\"")).contains("flexible"));
 }
 

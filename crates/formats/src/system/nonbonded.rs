@@ -1,7 +1,7 @@
 //! Lennard-Jones, Coulomb and generalized Born energies.
 
 use super::reader::Reader;
-use super::{GbsaObc, GbsaParticle, Nonbonded, NonbondedException, NonbondedParticle};
+use super::{Cutoff, GbsaObc, GbsaParticle, Nonbonded, NonbondedException, NonbondedParticle, Periodic};
 use roxmltree::Node;
 use std::collections::HashMap;
 
@@ -37,7 +37,11 @@ const SMALLEST_RADIUS: f64 = 0.009;
 
 pub(super) fn nonbonded(reader: &mut Reader, node: Node<'_, '_>, place: &str, n: usize) -> Option<Nonbonded> {
     reader.check_force(node, place, &ATTRIBUTES);
-    let cutoff = reader.switched_cutoff(node, place, &METHODS);
+    let is_periodic = node.attribute("method").is_some_and(|text| text.trim() == "2");
+    let (cutoff, periodic) = match is_periodic {
+        true => periodic(reader, node, place).unzip(),
+        false => (reader.switched_cutoff(node, place, &METHODS), None),
+    };
     let at = super::Entry::whole(node, place);
     let reaction_field_dielectric = match cutoff {
         Some(_) => reader.positive(&at, "rfDielectric")?,
@@ -54,7 +58,7 @@ pub(super) fn nonbonded(reader: &mut Reader, node: Node<'_, '_>, place: &str, n:
             reader.error(offset, place, "a parameter offset", "no parameter offsets", to_do);
         }
     }
-    let mut force = Nonbonded { cutoff, reaction_field_dielectric, ..Nonbonded::default() };
+    let mut force = Nonbonded { cutoff, periodic, reaction_field_dielectric, ..Nonbonded::default() };
     for entry in reader.entries(particles, place, "Particle", "particle") {
         reader.check_attributes(&entry, &["q", "sig", "eps"]);
         let charge = reader.number(&entry, "q").unwrap_or(0.0);
@@ -79,6 +83,43 @@ pub(super) fn nonbonded(reader: &mut Reader, node: Node<'_, '_>, place: &str, n:
         force.exceptions.push(NonbondedException { atoms, charge_product, sigma, epsilon });
     }
     Some(force)
+}
+
+/// The cutoff and the box of method CutoffPeriodic: reduced vectors, all widths at least twice the cutoff.
+fn periodic(reader: &mut Reader, node: Node<'_, '_>, place: &str) -> Option<(Cutoff, Periodic)> {
+    let at = super::Entry::whole(node, place);
+    let distance = reader.positive(&at, "cutoff")?;
+    let cutoff = reader.switching(node, place, distance)?;
+    let to_do = "set the System's box: system.setDefaultPeriodicBoxVectors(a, b, c)";
+    let Some(box_vectors) = reader.box_vectors else {
+        let found = "method 2 (CutoffPeriodic) without periodic box vectors";
+        reader.error(node, place, found, "<PeriodicBoxVectors> of nine finite numbers", to_do);
+        return None;
+    };
+    let [a, b, c] = box_vectors;
+    // A rounding beyond half, as OpenMM allows it.
+    let within = |x: f64, width: f64| 2.0 * x.abs() <= (1.0 + 1e-6) * width;
+    let upper = [a[1], a[2], b[2]];
+    let is_reduced = upper == [0.0; 3] && within(b[0], a[0]) && within(c[0], a[0]) && within(c[1], b[1]);
+    if !(a[0] > 0.0 && b[1] > 0.0 && c[2] > 0.0 && is_reduced) {
+        let required = "a = (ax, 0, 0), b = (bx, by, 0), c = (cx, cy, cz) with |bx|, |cx| at most ax/2, |cy| at most by/2";
+        reader.error(node, place, format!("periodic box vectors {a:?}, {b:?}, {c:?}"), required, to_do);
+        return None;
+    }
+    if 2.0 * distance > a[0].min(b[1]).min(c[2]) {
+        let found = format!("a cutoff of {distance} nm in a box of {}, {}, {} nm", a[0], b[1], c[2]);
+        reader.error(
+            node,
+            place,
+            found,
+            "at most half of each width",
+            "make the cutoff smaller or the box larger",
+        );
+        return None;
+    }
+    let flag = |name: &str| node.attribute(name).is_some_and(|text| text.trim() != "0");
+    let exceptions = flag("exceptionsUsePeriodic") || flag("exceptionsUsePeriodicBoundaryConditions");
+    Some((cutoff, Periodic { box_vectors, exceptions, dispersion_correction: flag("dispersionCorrection") }))
 }
 
 pub(super) fn gbsa_obc(reader: &mut Reader, node: Node<'_, '_>, place: &str, n: usize) -> Option<GbsaObc> {

@@ -40,12 +40,14 @@ pub(super) struct Reader {
     pub report: Report,
     /// Number of errors, those included for which the report had no room.
     pub count: usize,
+    /// The periodic box.
+    pub box_vectors: Option<[[f64; 3]; 3]>,
     lines: Lines,
 }
 
 impl Reader {
     pub fn new(text: &str, report: Report) -> Self {
-        Reader { report, count: 0, lines: Lines::new(text) }
+        Reader { report, count: 0, box_vectors: None, lines: Lines::new(text) }
     }
     pub fn line(&self, node: Node<'_, '_>) -> Option<u32> {
         self.lines.of(node)
@@ -121,6 +123,11 @@ impl Reader {
     /// As [`cutoff`](Self::cutoff), with the distance where switching begins, in a force that may switch.
     pub fn switched_cutoff(&mut self, node: Node<'_, '_>, place: &str, methods: &[&str]) -> Option<Cutoff> {
         let distance = self.cutoff(node, place, methods)?;
+        self.switching(node, place, distance)
+    }
+
+    /// A cutoff with the distance where switching begins.
+    pub fn switching(&mut self, node: Node<'_, '_>, place: &str, distance: f64) -> Option<Cutoff> {
         let at = Entry::whole(node, place);
         let mut switching = None;
         if node.attribute("useSwitchingFunction").is_some_and(|text| text.trim() != "0") {

@@ -9,10 +9,12 @@
 //! | exceptions | pairs with a charge product, σ and ε of their own, in place of these, at any distance |
 //! | r_c, r_s | cutoff, and where switching begins; with a cutoff the Coulomb energy is K q q (1/r + k r² − c) |
 //! | k, c | (ε_f − 1)/((2 ε_f + 1) r_c³), 3 ε_f/((2 ε_f + 1) r_c), with the dielectric constant ε_f beyond the cutoff |
+//! | box | pairs at their nearest images (`image.rs`), of which all are compared with the cutoff |
 //! | S | 1 − 10 t³ + 15 t⁴ − 6 t⁵, t = (r − r_s)/(r_c − r_s) ≥ 0: factor of Lennard-Jones energies |
 
 use super::exclusions::Exclusions;
 use super::geometry::distance;
+use super::image::NearestImage;
 use super::left_out::{RigidGroups, TakenOut};
 use super::neighbors::Neighbors;
 use super::sweep::{At, PairKernel, Places, Sweep, push};
@@ -40,6 +42,11 @@ pub(super) struct NonbondedPairs {
     /// Exceptions with an energy.
     exceptions: Vec<NonbondedException>,
     has_lennard_jones: bool,
+    image: Option<NearestImage>,
+    /// Exceptions too are at their nearest images.
+    image_exceptions: bool,
+    /// The mean energy beyond the cutoff.
+    dispersion: f64,
 }
 
 /// √K q, σ/2, 2√ε of each place.
@@ -88,7 +95,15 @@ impl NonbondedPairs {
         };
         let field = tables.cutoff.map(|c| ReactionField::new(c, tables.reaction_field_dielectric));
         let with_energy = exceptions.filter(|e| e.charge_product != 0.0 || e.epsilon != 0.0);
-        Self::of(n, particles, exclusions, with_energy.copied().collect(), field)
+        let image = tables.periodic.as_ref().map(NearestImage::new);
+        let mut sum = Self::of(n, particles, exclusions, with_energy.copied().collect(), (field, image));
+        if let (Some(image), Some(periodic), Some(cutoff)) = (image, tables.periodic, tables.cutoff) {
+            sum.image_exceptions = periodic.exceptions;
+            if periodic.dispersion_correction {
+                sum.dispersion = image.dispersion(&tables.particles, cutoff);
+            }
+        }
+        sum
     }
 
     /// The sum of n particles.
@@ -97,9 +112,11 @@ impl NonbondedPairs {
         mut particles: Particles,
         exclusions: Exclusions,
         exceptions: Vec<NonbondedException>,
-        field: Option<ReactionField>,
+        (field, image): (Option<ReactionField>, Option<NearestImage>),
     ) -> Self {
-        let neighbors = Neighbors::new(n, exclusions, field.map(|field| field.distance));
+        // A list knows no images.
+        let cutoff = field.filter(|_| image.is_none()).map(|field| field.distance);
+        let neighbors = Neighbors::new(n, exclusions, cutoff);
         let padded = neighbors.tiles().padded();
         let mut sweep = Sweep::default();
         sweep.fit(neighbors.tiles(), 0);
@@ -115,7 +132,15 @@ impl NonbondedPairs {
             has_lennard_jones: particles.twice_root_epsilon.iter().any(|x| x.0 != 0.0),
             particles,
             exceptions,
+            image,
+            image_exceptions: false,
+            dispersion: 0.0,
         }
+    }
+
+    /// Pairs are at their nearest images.
+    pub(super) fn is_periodic(&self) -> bool {
+        self.image.is_some()
     }
 
     /// Takes out the pairs within groups.
@@ -125,7 +150,13 @@ impl NonbondedPairs {
         let mut excluded: Vec<[usize; 2]> = known.pairs().collect();
         let mut count = [0, n * n.saturating_sub(1) / 2 - excluded.len() + self.exceptions.len()];
         let mut energy = 0.0;
+        // A group so large that its pairs may be nearest at other images turns in the box: they are not constant.
+        let limit = self.image.zip(self.field).map(|(image, field)| image.width() - field.distance);
         for (group, pairs) in groups.pairs() {
+            let far = |limit: f64| group.iter().any(|&i| 2.0 * (x[i] - x[group[0]]).norm() >= limit);
+            if limit.is_some_and(far) {
+                continue;
+            }
             let own = |pair: &[usize; 2]| !known.of(group[pair[0]]).contains(&group[pair[1]]);
             let (own, others): (Vec<[usize; 2]>, _) = pairs.into_iter().partition(own);
             if own.is_empty() {
@@ -143,17 +174,21 @@ impl NonbondedPairs {
                 twice_root_epsilon: of(&self.particles.twice_root_epsilon),
             };
             let exclusions = Exclusions::new(group.len(), rest);
-            let mut sum = Self::of(group.len(), particles, exclusions, Vec::new(), self.field);
+            let mut sum = Self::of(group.len(), particles, exclusions, Vec::new(), (self.field, self.image));
             let places: Vec<Vec3<f64>> = group.iter().map(|&i| x[i]).collect();
             energy += sum.evaluate(level, &places, &mut vec![Vec3::zero(); group.len()]);
         }
         let exceptions = std::mem::take(&mut self.exceptions);
-        let (out, rest): (Vec<_>, Vec<_>) = exceptions.into_iter().partition(|e| groups.hold(&e.atoms));
+        let (out, rest): (Vec<_>, Vec<_>) =
+            exceptions.into_iter().partition(|e| !self.image_exceptions && groups.hold(&e.atoms));
         count[0] += out.len();
         self.exceptions = out;
         energy += self.exceptions(x, &mut vec![Vec3::zero(); n]);
         let particles = self.particles.clone();
-        *self = Self::of(n, particles, Exclusions::new(n, excluded.into_iter()), rest, self.field);
+        let (image_exceptions, dispersion) = (self.image_exceptions, self.dispersion);
+        let ranges = (self.field, self.image);
+        *self = Self::of(n, particles, Exclusions::new(n, excluded.into_iter()), rest, ranges);
+        (self.image_exceptions, self.dispersion) = (image_exceptions, dispersion);
         (count, energy)
     }
 
@@ -162,19 +197,29 @@ impl NonbondedPairs {
         neighbors.update(x);
         places.set(x);
         let tiles = neighbors.tiles();
-        let all_pairs = match (self.field, self.has_lennard_jones) {
-            (None, true) => sweep.run(level, tiles, places, &Pairs::<true> { particles }),
-            (None, false) => sweep.run(level, tiles, places, &Pairs::<false> { particles }),
-            (Some(field), _) => sweep.run(level, tiles, places, &NearPairs { particles, field }),
+        let all_pairs = match (self.field, self.image, self.has_lennard_jones) {
+            (None, _, true) => sweep.run(level, tiles, places, &Pairs::<true> { particles }),
+            (None, _, false) => sweep.run(level, tiles, places, &Pairs::<false> { particles }),
+            (Some(field), None, _) => sweep.run(level, tiles, places, &NearPairs { particles, field }),
+            (Some(field), Some(image), _) => {
+                let near = NearPairs { particles, field };
+                sweep.run(level, tiles, places, &PeriodicPairs { near, image })
+            }
         };
         sweep.add_forces(tiles, forces);
-        all_pairs + self.exceptions(x, forces)
+        all_pairs + self.exceptions(x, forces) + self.dispersion
     }
 
     fn exceptions(&self, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
         let mut energy = 0.0;
         for exception in &self.exceptions {
-            let (r, gradient) = distance(x, exception.atoms);
+            let (r, gradient) = match self.image.filter(|_| self.image_exceptions) {
+                None => distance(x, exception.atoms),
+                Some(image) => {
+                    let [i, j] = exception.atoms;
+                    distance(&[Vec3::zero(), image.of(x[j] - x[i])], [0, 1])
+                }
+            };
             let s2 = (exception.sigma / r) * (exception.sigma / r);
             let s6 = s2 * s2 * s2;
             let coulomb = COULOMB * exception.charge_product / r;
@@ -308,5 +353,42 @@ impl PairKernel<3> for NearPairs<'_> {
         }
         push((slope + coulomb_slope) * inverse_square, &at.d, row_sums, column_sums);
         energy + coulomb
+    }
+}
+
+/// The same at nearest images.
+struct PeriodicPairs<'a> {
+    near: NearPairs<'a>,
+    image: NearestImage,
+}
+
+impl PairKernel<3> for PeriodicPairs<'_> {
+    const CUTOFF: bool = true;
+    type Row<T: Lanes> = [T; 3];
+    type Column<T: Lanes> = [T; 3];
+
+    #[inline(always)]
+    fn cutoff_square(&self) -> f64 {
+        self.near.cutoff_square()
+    }
+    #[inline(always)]
+    fn row<T: Lanes>(&self, place: usize) -> [T; 3] {
+        self.near.row(place)
+    }
+    #[inline(always)]
+    fn column<T: Lanes>(&self, first: usize) -> [T; 3] {
+        self.near.column(first)
+    }
+    #[inline(always)]
+    fn pair<T: Lanes>(
+        &self,
+        row: &[T; 3],
+        column: &[T; 3],
+        mut at: At<'_, T>,
+        row_sums: &mut [T; 3],
+        column_sums: &mut [T; 3],
+    ) -> T {
+        at.nearest(&self.image);
+        self.near.pair(row, column, at, row_sums, column_sums)
     }
 }

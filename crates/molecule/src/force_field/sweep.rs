@@ -4,6 +4,7 @@
 //! up, and the order in which lanes and chunks are added in the end, is the same on every processor and on every number of
 //! threads, to the last bit.
 
+use super::image::NearestImage;
 use super::tiles::{COLUMNS, ROWS, Tile, Tiles, WHOLE};
 use phipsi_spatial::lanes::{Fused, Lanes, Level, Visitor, at_level};
 use phipsi_spatial::{Kernel, Vec3};
@@ -52,6 +53,17 @@ pub(super) struct At<'a, T> {
 }
 
 impl<T: Lanes> At<'_, T> {
+    /// The pair at its nearest image in a box.
+    #[inline(always)]
+    pub(super) fn nearest(&mut self, image: &NearestImage) {
+        image.shift(&mut self.d);
+        let [x, y, z] = self.d;
+        let square = z.fma(z, y.fma(y, x * x));
+        self.square = match self.lanes {
+            Some(bits) => square.choose(bits, T::one()),
+            None => square,
+        };
+    }
     /// The number in lanes with a pair within the cutoff, 0 in others.
     #[inline(always)]
     pub(super) fn only(&self, x: T) -> T {

@@ -20,6 +20,21 @@ pub fn check_mean(what: &str, x: &[f64], want: f64, bias: f64) -> (f64, f64) {
     (got, error)
 }
 
+/// Root mean square about a line through equally spaced values, and the line's slope for a step from one to the next.
+pub fn about_a_line(x: &[f64]) -> (f64, f64) {
+    let n = x.len() as f64;
+    let (middle, mean) = (0.5 * (n - 1.0), x.iter().sum::<f64>() / n);
+    let (mut te, mut tt) = (0.0, 0.0);
+    for (i, x) in x.iter().enumerate() {
+        let t = i as f64 - middle;
+        te += t * (x - mean);
+        tt += t * t;
+    }
+    let slope = te / tt;
+    let square = |(i, x): (usize, &f64)| (x - mean - slope * (i as f64 - middle)).powi(2);
+    ((x.iter().enumerate().map(square).sum::<f64>() / n).sqrt(), slope)
+}
+
 /// ln Γ(x) by Stirling's series above 10.
 fn ln_gamma(x: f64) -> f64 {
     if x < 10.0 {

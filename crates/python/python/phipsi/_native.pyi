@@ -463,6 +463,18 @@ class TorsionModel:
     def atom_positions(self, q: ArrayLike) -> NDArray[np.float64]: ...
     def coordinates(self, positions: ArrayLike) -> NDArray[np.float64]: ...
     def minimize(self, largest_force: float = 0.01, evaluations: int = 10000) -> Minimum: ...
+    def recluster(
+        self,
+        clusters: Literal["torsion", "torsion+angle", "cartesian"] | Sequence[Sequence[int | str]] | None = None,
+        rigid: str | Sequence[str | Sequence[int | str]] | None = None,
+        hinges: Sequence[Sequence[int | str]] | None = None,
+        rings: Literal["rigid", "flexible"] | Sequence[Sequence[int | str]] | None = None,
+        angles: Sequence[Sequence[int | str]] | None = None,
+        forces: Any = None,
+        *,
+        thaw_temperature_K: float | None = None,
+        seed: int = 0,
+    ) -> tuple[TorsionModel, dict[str, Any]]: ...
     def run(
         self,
         steps: int,

@@ -15,7 +15,6 @@ use phipsi_molecule::{
 use phipsi_motion::Force;
 use phipsi_recursion::ArticulatedSweep;
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
-use phipsi_spatial::Vec3;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -66,12 +65,12 @@ pub(crate) fn read(
             .errors
             .extend(errors.0.into_iter().map(|e| Problem::new(None, e.place, e.found, e.required, e.remedy)));
     };
-    let build = |positions: &[Vec3<f64>], clustering: &Clustering| {
-        let clusters = Clusters::new(&read.atoms, positions, clustering)?;
+    let build = || {
+        let clusters = Clusters::new(&read.atoms, &read.positions, &clustering)?;
         let kept = satisfied_constraints(&read.atoms, &clusters, &read.system)?;
-        Ok((TorsionModel::new(&read.atoms, positions, clusters)?, kept))
+        Ok((TorsionModel::new(&read.atoms, &read.positions, clusters)?, kept))
     };
-    let (mut torsion, mut kept) = match build(&read.positions, &clustering) {
+    let (torsion, kept) = match build() {
         Ok(built) => built,
         Err(errors) => {
             refuse(report, errors);
@@ -91,37 +90,6 @@ pub(crate) fn read(
             return Err(reports);
         }
     };
-    let mut minimize = minimize;
-    if torsion.has_rings() && minimize.is_some() {
-        // Minimisation keeps no closures: with rigid rings first, then the same positions.
-        let rigid = Clustering { rings: Rings::Rigid, ..clustering.clone() };
-        let rebuilt = build(&read.positions, &rigid).and_then(|(stiff, _)| {
-            let stiff = Arc::new(stiff);
-            let mut forces = MolecularForces::new(stiff.clone(), field.clone());
-            let model = stiff.model();
-            let mut start = State { q: model.neutral(), v: vec![0.0; model.nv()], t: 0.0 };
-            if !look_at_start(&mut forces, &mut start, minimize, report) {
-                return Ok(None);
-            }
-            match stiff.positions(&start.q) {
-                Ok(positions) => build(&positions, &clustering).map(Some),
-                Err(e) => {
-                    let remedy = "make the rings rigid";
-                    report.errors.push(Problem::new(None, "start", e.to_string(), "a configuration", remedy));
-                    Ok(None)
-                }
-            }
-        });
-        (torsion, kept) = match rebuilt {
-            Ok(Some(built)) => built,
-            Ok(None) => return Err(reports),
-            Err(errors) => {
-                refuse(report, errors);
-                return Err(reports);
-            }
-        };
-        minimize = None;
-    }
     note_clusters(&torsion, kept, report);
     let torsion = Arc::new(torsion);
     let mut forces = MolecularForces::new(torsion.clone(), field);
@@ -256,6 +224,11 @@ fn note_clusters(torsion: &TorsionModel, kept: usize, report: &mut Report) {
     let bends = clusters.bends();
     if bends > 0 {
         what += &format!("; {bends} open bond angles");
+    }
+    let lines = torsion.model().still_axes().count();
+    if lines > 0 {
+        let off = torsion.straightened();
+        what += &format!("; {lines} linear molecules, their atoms put on lines by at most {off:.1e} nm");
     }
     report.used.push(Note::new(None, "molecule", what));
     for locked in &clusters.locked {

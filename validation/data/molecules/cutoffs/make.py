@@ -1,7 +1,7 @@
 """Systems with cutoffs, and their energies and forces by OpenMM's Reference platform: ``python make.py FOLDER``, then gzip.
 
 The molecules and structures beside this folder, with the method CutoffNonPeriodic in every force between pairs, as
-``ForceField.createSystem`` sets it: reaction field, switching, generalized Born energies that end at the cutoff, custom forces.
+``ForceField.createSystem`` sets it (CutoffPeriodic in two boxes smaller than the molecule): reaction field, switching, generalized Born energies that end at the cutoff, custom forces.
 """
 
 import gzip
@@ -41,6 +41,24 @@ def cut(s, cutoff, switching=None, dielectric=78.3):
     return s
 
 
+def periodic(s, vectors, cutoff, switching=None, exceptions=False):
+    s.setDefaultPeriodicBoxVectors(*(mm.Vec3(*v) for v in vectors))
+    for f in s.getForces():
+        if isinstance(f, mm.NonbondedForce):
+            f.setNonbondedMethod(mm.NonbondedForce.CutoffPeriodic)
+            f.setCutoffDistance(cutoff)
+            f.setExceptionsUsePeriodicBoundaryConditions(exceptions)
+            f.setUseDispersionCorrection(True)
+            f.setUseSwitchingFunction(switching is not None)
+            f.setSwitchingDistance(switching or -1)
+    return s
+
+
+RIGHT = [(1.5, 0, 0), (0, 1.6, 0), (0, 0, 1.7)]
+# In a box as oblique as (1.5, 0, 0), (0.4, 1.45, 0), (-0.6, 0.5, 1.42) the Reference platform of OpenMM 8.6.1 differs from its CPU
+# platform and from a double loop, which agree.
+OBLIQUE = [(1.5, 0, 0), (0.2, 1.45, 0), (-0.2, 0.2, 1.42)]
+
 CASES = {
     "reaction_field": lambda: cut(system("met_enkephalin", "vacuum"), 0.7),
     "switched": lambda: cut(system("met_enkephalin", "vacuum"), 0.8, 0.5),
@@ -48,6 +66,8 @@ CASES = {
     "custom_born": lambda: cut(system("met_enkephalin", "obc2"), 0.7, None, 1.0),
     "charmm": lambda: cut(system("ace_ala3_nme", "charmm36"), 0.7, 0.5),
     "custom_pairs": lambda: cut(system("every_force", "pairs"), 0.3, 0.2),
+    "periodic": lambda: periodic(system("met_enkephalin", "vacuum"), RIGHT, 0.75),
+    "periodic_switched": lambda: periodic(system("met_enkephalin", "vacuum"), OBLIQUE, 0.7, 0.5, True),
     "custom_implicit": lambda: cut(system("every_force", "implicit"), 0.3),
 }
 
