@@ -13,6 +13,19 @@ use phipsi_spatial::{Mat3, Motion, Scalar, Sym3, Vec3, Wrench};
 /// Rows that a product takes at once.
 pub(crate) const ROWS: usize = 4;
 
+/// A step for every place of a register, whose number is a constant: an array of registers then needs no memory.
+macro_rules! each_place {
+    ($w:ty, $i:ident => $step:expr) => {
+        each_place!($w, $i => $step; 0 1 2 3 4 5 6 7)
+    };
+    ($w:ty, $i:ident => $step:expr; $($number:literal)*) => {$(
+        if $number < <$w>::COUNT {
+            const $i: usize = $number;
+            $step;
+        }
+    )*};
+}
+
 /// Where degrees of freedom are.
 #[derive(Clone, Debug)]
 pub(crate) struct Places {
@@ -28,6 +41,10 @@ pub(crate) struct Places {
     pub(crate) stride: usize,
     /// Degree of freedom of the model at every place.
     dof: Vec<usize>,
+    /// One past the last place outboard of every place; nothing is outboard of the empty ones.
+    outboard: Vec<usize>,
+    /// True if of every two bodies one is outboard of the other.
+    all_related: bool,
     /// True if the model's order is that of the places.
     in_order: bool,
 }
@@ -41,32 +58,30 @@ impl Places {
         let margin = count - nv;
         let stride = (count / T::COLUMNS / 2 * 2 + 1) * T::COLUMNS;
         let (mut first, mut end, mut dof) = (Vec::new(), Vec::new(), vec![0; margin]);
-        for (body, outboard) in layout.bodies().iter().zip(&layout.outboard_dofs) {
+        let mut outboard = vec![0; margin];
+        for (body, dofs) in layout.bodies().iter().zip(&layout.outboard_dofs) {
             first.push(dof.len());
-            end.push(dof.len() + outboard);
+            end.push(dof.len() + dofs);
             dof.extend(body.v..body.v + body.hinge.nv());
+            outboard.extend(end.last().into_iter().cycle().take(body.hinge.nv()));
         }
+        let all_related = end.iter().all(|&end| end == count);
         let in_order = (0..nv).all(|i| dof[margin + i] == i);
-        Places { first, end, margin, count, stride, dof, in_order }
+        Places { first, end, margin, count, stride, dof, outboard, all_related, in_order }
     }
     /// The places of a body's own degrees of freedom.
     pub(crate) fn own(&self, k: usize) -> Range<usize> {
         self.first[k]..self.first.get(k + 1).copied().unwrap_or(self.count)
     }
-    /// The places of a body and of all outboard of it.
+    /// Degree of freedom of the model at a place.
     #[inline(always)]
-    pub(crate) fn outboard(&self, k: usize) -> Range<usize> {
-        self.first[k]..self.end[k]
+    pub(crate) fn dof(&self, place: usize) -> usize {
+        self.dof[place]
     }
-    /// True if degrees of freedom follow each other also in v.
+    /// True if of every two bodies one is outboard of the other.
     #[inline(always)]
-    pub(crate) fn in_order(&self) -> bool {
-        self.in_order
-    }
-    /// Degrees of freedom of a range of places.
-    #[inline(always)]
-    pub(crate) fn dofs(&self, range: Range<usize>) -> &[usize] {
-        &self.dof[range]
+    pub(crate) fn all_related(&self) -> bool {
+        self.all_related
     }
     /// Pairs of a degree of freedom with one that is not inboard of it.
     pub(crate) fn pairs(&self) -> usize {
@@ -126,6 +141,110 @@ impl Places {
     }
 }
 
+impl Places {
+    /// Writes a symmetric matrix, given above its diagonal, to the model's: entries of related degrees of freedom and some zeros
+    /// beside them.
+    #[inline(always)]
+    pub(crate) fn write_symmetric<T: Scalar, W: Wide<T>>(&self, upper: &Panels<T>, out: &mut [T]) {
+        let nv = self.count - self.margin;
+        if !self.in_order {
+            for row in self.margin..self.count {
+                let (i, end) = (self.dof[row], self.outboard[row]);
+                for (at, &j) in self.dof[..end].iter().enumerate().skip(row) {
+                    let x = upper.get(row, at);
+                    out[i * nv + j] = x;
+                    out[j * nv + i] = x;
+                }
+            }
+            return;
+        }
+        let mut left = Self::group(self.margin, W::COUNT);
+        while left < self.count {
+            let end = self.outboard[left..left + W::COUNT].iter().fold(0, |a, &b| a.max(b));
+            let hidden = self.margin.saturating_sub(left);
+            self.write_tile::<T, W, true>(upper, left, left, hidden, out);
+            let mut top = left + W::COUNT;
+            while top < end {
+                self.write_tile::<T, W, false>(upper, left, top, hidden, out);
+                top += W::COUNT;
+            }
+            left += W::COUNT;
+        }
+    }
+    /// Rows from place `left` on, columns from `top` on, and the same turned over; of the rows, `hidden` are empty.
+    #[inline(always)]
+    fn write_tile<T: Scalar, W: Wide<T>, const DIAGONAL: bool>(
+        &self,
+        upper: &Panels<T>,
+        left: usize,
+        top: usize,
+        hidden: usize,
+        out: &mut [T],
+    ) {
+        let (nv, margin, width) = (self.count - self.margin, self.margin, W::COUNT);
+        let tile: [W; WIDEST] = upper.tile(left, top);
+        let mut below = tile;
+        W::transpose(&mut below);
+        let (row, column) = (left + hidden - margin, top.max(margin) - margin);
+        if !DIAGONAL {
+            let corner = row * nv + column;
+            each_place!(W, I => if I >= hidden {
+                let at = corner + (I - hidden) * nv;
+                tile[I].store(&mut out[at..at + width]);
+            });
+        }
+        let corner = column * nv + row;
+        let skip = if DIAGONAL { hidden } else { 0 };
+        each_place!(W, I => if I >= skip {
+            let x = if DIAGONAL { below[I].up_to(I, tile[I]) } else { below[I] };
+            let at = corner + (I - skip) * nv;
+            if hidden == 0 {
+                x.store(&mut out[at..at + width]);
+            } else {
+                x.store_from(hidden, &mut out[at..at + width - hidden]);
+            }
+        });
+    }
+}
+
+/// A matrix by panels of [`Scalar::COLUMNS`] columns, one row after the other, so that tiles lie together.
+#[derive(Clone, Debug)]
+pub(crate) struct Panels<T> {
+    numbers: Vec<T>,
+    rows: usize,
+}
+
+impl<T: Scalar> Panels<T> {
+    /// Zeros.
+    pub(crate) fn new(places: &Places) -> Self {
+        Panels { numbers: vec![T::zero(); places.count * places.count], rows: places.count }
+    }
+    #[inline(always)]
+    fn index(&self, row: usize, column: usize) -> usize {
+        (column / T::COLUMNS * self.rows + row) * T::COLUMNS + column % T::COLUMNS
+    }
+    #[inline(always)]
+    fn get(&self, row: usize, column: usize) -> T {
+        self.numbers[self.index(row, column)]
+    }
+    /// The panel of the columns from place `column` on, each row from there on at multiples of [`Scalar::COLUMNS`].
+    #[inline(always)]
+    pub(crate) fn panel_mut(&mut self, column: usize) -> &mut [T] {
+        let (start, end) = (self.index(0, column), self.index(self.rows, Places::group(column, T::COLUMNS)));
+        &mut self.numbers[start..end]
+    }
+    /// As many rows as a register has columns.
+    #[inline(always)]
+    fn tile<W: Wide<T>>(&self, row: usize, column: usize) -> [W; WIDEST] {
+        let start = self.index(row, Places::group(column, T::COLUMNS));
+        let lane = column & (T::COLUMNS - W::COUNT.min(T::COLUMNS));
+        let rows = &self.numbers[start..start + W::COUNT * T::COLUMNS];
+        let mut tile = [W::zero(); WIDEST];
+        each_place!(W, I => tile[I] = W::load(&rows[..W::COUNT * T::COLUMNS][I * T::COLUMNS + lane..][..W::COUNT]));
+        tile
+    }
+}
+
 /// Copies the upper triangle of a matrix of `n` rows to the lower one, in tiles.
 #[inline(always)]
 pub(crate) fn mirror<T: Scalar, W: Wide<T>>(out: &mut [T], n: usize, stride: usize) {
@@ -176,6 +295,13 @@ impl<T: Scalar, const N: usize> Table<T, N> {
     }
 }
 
+impl<T: Scalar, const N: usize> Table<T, N> {
+    /// Where the numbers of a place start.
+    pub(crate) fn start(at: usize) -> usize {
+        at / T::COLUMNS * (N * T::COLUMNS) + at % T::COLUMNS
+    }
+}
+
 /// See [`Table`].
 pub(crate) struct View<'a, T, const N: usize> {
     numbers: &'a mut [T],
@@ -187,6 +313,36 @@ impl<T: Scalar, const N: usize> View<'_, T, N> {
     pub(crate) fn at(&mut self, at: usize) -> Group<'_, T, N> {
         let start = at / T::COLUMNS * (N * T::COLUMNS);
         Group { numbers: &mut self.numbers[start..start + N * T::COLUMNS], lane: at % T::COLUMNS }
+    }
+}
+
+impl<T: Scalar, const N: usize> View<'_, T, N> {
+    /// The numbers of a place, by where they start.
+    #[inline(always)]
+    pub(crate) fn lane(&self, start: usize) -> Lane<'_, T, N> {
+        Lane { numbers: &self.numbers[start..start + (N - 1) * T::COLUMNS + 1] }
+    }
+}
+
+/// The rows of one place.
+pub(crate) struct Lane<'a, T, const N: usize> {
+    numbers: &'a [T],
+}
+
+impl<T: Scalar, const N: usize> Lane<'_, T, N> {
+    #[inline(always)]
+    fn get(&self, r: usize) -> T {
+        self.numbers[..(N - 1) * T::COLUMNS + 1][r * T::COLUMNS]
+    }
+    /// Rows `r` to `r` + 2.
+    #[inline(always)]
+    pub(crate) fn vector(&self, r: usize) -> Vec3<T> {
+        Vec3([self.get(r), self.get(r + 1), self.get(r + 2)])
+    }
+    /// Rows `r` to `r` + 5.
+    #[inline(always)]
+    pub(crate) fn motion(&self, r: usize) -> Motion<T> {
+        Motion::new(self.vector(r), self.vector(r + 3))
     }
 }
 
