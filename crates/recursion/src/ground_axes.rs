@@ -266,22 +266,24 @@ impl<T: Scalar> OwnInertias<T> {
 
 /// Rows of the first degree of freedom of every joint, copied to its others.
 #[inline(always)]
-pub(crate) fn spread<T: Scalar, const N: usize>(
+pub(crate) fn spread<T: Scalar, W: Wide<T>, const N: usize>(
     layout: &Layout<T::Constant>,
     places: &Places,
     view: &mut View<'_, T, N>,
     rows: impl Iterator<Item = usize> + Clone,
 ) {
     for (body, &first) in layout.bodies().iter().zip(&places.first) {
-        let count = body.hinge.nv();
-        if count == 1 {
-            continue;
-        }
-        for r in rows.clone() {
-            let x: T = view.at(first).get(r);
-            for i in 1..count {
-                view.at(first + i).set(r, x);
+        let end = first + body.hinge.nv();
+        let mut at = Places::group(first, W::COUNT);
+        while end > first + 1 && at < end {
+            let (from, to) = (first.saturating_sub(at), (end - at).min(W::COUNT));
+            for r in rows.clone() {
+                let x = W::broadcast(view.at(first).get(r));
+                let mut group = view.at(at);
+                let beside: W = group.get(r);
+                group.set(r, beside.up_to(from, x.up_to(to, beside)));
             }
+            at += W::COUNT;
         }
     }
 }

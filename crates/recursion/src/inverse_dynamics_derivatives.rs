@@ -234,7 +234,12 @@ impl<T: Scalar> DerivativeSweeps<T> {
             }
         }
         gather_inboard(layout, places, view);
-        spread(layout, places, view, (CARRIED_OMEGA..ALPHA).chain(COMPOSITE..DRIFT).chain(MOMENT..PSI));
+        spread::<_, W, ROWS>(
+            layout,
+            places,
+            view,
+            (CARRIED_OMEGA..ALPHA).chain(COMPOSITE..DRIFT).chain(MOMENT..PSI),
+        );
         let mut at = Places::group(places.margin, W::COUNT);
         while at < places.count {
             let mut group = view.at(at);

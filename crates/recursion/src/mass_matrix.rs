@@ -18,7 +18,6 @@ use crate::ground_axes::{
 };
 use crate::layout::{Layout, Shifts};
 use crate::places::{Panels, Places, Table, View, inside, vector};
-use num_traits::Zero;
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{RigidInertia, Scalar, Wrench};
 
@@ -103,9 +102,9 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
             group.set_rigid(COMPOSITE, &inertia)
         });
         gather_composites(layout, places, view);
-        spread(layout, places, view, COMPOSITE..ROWS);
+        spread::<_, W, ROWS>(layout, places, view, COMPOSITE..ROWS);
         if !places.all_related() {
-            out.fill(T::Arithmetic::zero());
+            clear::<_, W>(out);
         }
         let mut at = Places::group(places.margin, W::COUNT);
         while at < places.count {
@@ -131,6 +130,16 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
             places.write_symmetric::<_, W>(upper, out);
         }
     }
+}
+
+/// Zeros, by stores alone: small matrices would feel a call.
+#[inline(always)]
+fn clear<T: Scalar, W: Wide<T>>(x: &mut [T]) {
+    let mut groups = x.chunks_exact_mut(W::COUNT);
+    for group in &mut groups {
+        W::zero().store(group);
+    }
+    W::zero().store_first(groups.into_remainder());
 }
 
 /// f of the degrees of freedom from place `at` on, on its way to the base: past their own places, then past those inboard of the
