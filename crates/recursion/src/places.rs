@@ -188,14 +188,14 @@ impl Places {
         let (row, column) = (left + hidden - margin, top.max(margin) - margin);
         if !DIAGONAL {
             let corner = row * nv + column;
-            each_place!(W, I => if I >= hidden {
+            each_place!(W, I => if (hidden..).contains(&I) {
                 let at = corner + (I - hidden) * nv;
                 tile[I].store(&mut out[at..at + width]);
             });
         }
         let corner = column * nv + row;
         let skip = if DIAGONAL { hidden } else { 0 };
-        each_place!(W, I => if I >= skip {
+        each_place!(W, I => if (skip..).contains(&I) {
             let x = if DIAGONAL { below[I].up_to(I, tile[I]) } else { below[I] };
             let at = corner + (I - skip) * nv;
             if hidden == 0 {
