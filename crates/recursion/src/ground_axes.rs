@@ -5,7 +5,6 @@
 //! | `AXES` | x, y, z of the body |
 //! | `OFFSET` | d: the body's origin from its parent's |
 //! | `AXIS` | S of the degree of freedom, a column of H* |
-//! | `OWN` | the body's inertia in its own axes, where bodies lie side by side |
 //! | `COMPOSITE` | R: mass, first moment and inertia, about the body's origin |
 //!
 //! φ(p, k) is a shift by d alone, six multiplications for a wrench. Only directions refer to the ground; no distance does.
@@ -14,15 +13,14 @@ use crate::hinge::Hinge;
 use crate::layout::{GROUND, Layout, LayoutBody, Shifts};
 use crate::places::{Group, Places, Table, View};
 use phipsi_spatial::wide::Wide;
-use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Vec3, Wrench};
+use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Sym3, Vec3, Wrench};
 
 pub(crate) const AXES: usize = 0;
 pub(crate) const OFFSET: usize = 9;
 pub(crate) const AXIS: usize = 12;
-const OWN: usize = 18;
-pub(crate) const COMPOSITE: usize = 28;
+pub(crate) const COMPOSITE: usize = 18;
 /// The rows of this table; others may follow.
-pub(crate) const ROWS: usize = 38;
+pub(crate) const ROWS: usize = 28;
 
 /// The axes of a body.
 pub(crate) type Directions<T> = [Vec3<T>; 3];
@@ -69,7 +67,7 @@ pub(crate) fn axis<T: Scalar>(hinge: &Hinge<T::Constant>, axes: &Directions<T>, 
 
 /// Puts a body into the table.
 #[inline(always)]
-pub(crate) fn set_body<T: Scalar, W: Wide<T>, const N: usize>(
+pub(crate) fn set_body<T: Scalar, const N: usize>(
     view: &mut View<'_, T, N>,
     at: usize,
     body: &LayoutBody<T::Constant>,
@@ -81,56 +79,62 @@ pub(crate) fn set_body<T: Scalar, W: Wide<T>, const N: usize>(
     here.set_vector(AXES + 3, axes[1]);
     here.set_vector(AXES + 6, axes[2]);
     here.set_vector(OFFSET, offset);
-    if W::COUNT > 1 {
-        here.set_rigid::<T>(OWN, &RigidInertia::constant(&body.inertia));
-    }
     if let Hinge::Revolute = body.hinge {
         here.set_vector(AXIS, axes[2]);
         return;
     }
+    // Read again: numbers chosen by an index would all have to lie in memory, for hinges, too.
+    let axes = here.axes();
     for i in 0..body.hinge.nv() {
-        view.at(at + i).set_motion(AXIS, axis(&body.hinge, axes, i));
+        view.at(at + i).set_motion(AXIS, axis(&body.hinge, &axes, i));
     }
 }
 
 /// Axes, offsets and hinge axes of all bodies, base to tip.
 #[inline(always)]
-pub(crate) fn turn_outboard<T: Scalar, W: Wide<T>, const N: usize>(
+pub(crate) fn turn_outboard<T: Scalar, const N: usize>(
     layout: &Layout<T::Constant>,
     shifts: &Shifts<T>,
     places: &Places,
     view: &mut View<'_, T, N>,
 ) {
-    let mut previous = ground();
-    for (k, body) in layout.bodies().iter().enumerate() {
-        let inboard = match body.parent {
+    let (bodies, first) = (layout.bodies(), &places.first[..layout.len()]);
+    let mut k = 0;
+    // Along a run of first children axes stay in registers.
+    while k < bodies.len() {
+        let mut axes = match bodies[k].parent {
             GROUND => ground(),
-            _ if body.follows_parent(k) => previous,
-            parent => view.at(places.first[parent]).axes(),
+            parent => view.at(first[parent]).axes(),
         };
-        let (axes, offset) = shifts.at(k, body).axes_to_child(inboard);
-        set_body::<T, W, N>(view, places.first[k], body, &axes, offset);
-        previous = axes;
+        loop {
+            let (body, at) = (&bodies[k], first[k]);
+            let offset;
+            (axes, offset) = shifts.at(k, body).axes_to_child(axes);
+            set_body(view, at, body, &axes, offset);
+            k += 1;
+            if k == bodies.len() || !bodies[k].follows_parent(k) {
+                break;
+            }
+        }
     }
 }
 
 /// Does a step for all bodies, side by side where there are registers for it, from each group or body and its own inertia in
 /// the axes of the ground.
 macro_rules! each_own_inertia {
-    ($t:ty, $w:ty, $layout:expr, $places:expr, $view:expr, |$group:ident, $own:ident| $step:expr) => {
+    ($t:ty, $w:ty, $layout:expr, $places:expr, $own:expr, $view:expr, |$group:ident, $inertia:ident| $step:expr) => {
         if <$w as Wide<$t>>::COUNT == 1 {
             for (body, &at) in $layout.bodies().iter().zip(&$places.first) {
                 let mut $group = $view.at(at);
                 let own = RigidInertia::<$w>::constant(&body.inertia);
-                let $own = $crate::ground_axes::turned::<$t, $w, _>(&$group, &own);
+                let $inertia = $crate::ground_axes::turned::<$t, $w, _>(&$group, &own);
                 $step;
             }
         } else {
             let mut at = Places::group($places.margin, <$w as Wide<$t>>::COUNT);
             while at < $places.count {
                 let mut $group = $view.at(at);
-                let own = $crate::ground_axes::own::<$t, $w, _>(&$group);
-                let $own = $crate::ground_axes::turned::<$t, $w, _>(&$group, &own);
+                let $inertia = $crate::ground_axes::turned::<$t, $w, _>(&$group, &$own.at(at));
                 $step;
                 at += <$w as Wide<$t>>::COUNT;
             }
@@ -138,12 +142,6 @@ macro_rules! each_own_inertia {
     };
 }
 pub(crate) use each_own_inertia;
-
-/// Inertias of the bodies of a group, their own axes.
-#[inline(always)]
-pub(crate) fn own<T: Scalar, W: Wide<T>, const N: usize>(group: &Group<'_, T, N>) -> RigidInertia<W> {
-    group.rigid(OWN)
-}
 
 /// An inertia in the axes of the ground.
 #[inline(always)]
@@ -155,24 +153,137 @@ pub(crate) fn turned<T: Scalar, W: Wide<T>, const N: usize>(
     RigidInertia { mass: own.mass, first_moment: axes * own.first_moment, inertia: own.inertia.rotate(&axes) }
 }
 
+/// Composites of all bodies, tip to base, from their own inertias.
+#[inline(always)]
+pub(crate) fn gather_composites<T: Scalar, const N: usize>(
+    layout: &Layout<T::Constant>,
+    places: &Places,
+    view: &mut View<'_, T, N>,
+) {
+    let (bodies, first) = (layout.bodies(), &places.first[..layout.len()]);
+    let mut k = bodies.len();
+    // From every tip along a run of first children, whose sum stays in registers.
+    while k > 0 {
+        k -= 1;
+        let mut R = view.at(first[k]).rigid::<T>(COMPOSITE);
+        while bodies[k].parent != GROUND {
+            let (body, d) = (&bodies[k], view.at(first[k]).vector::<T>(OFFSET));
+            let mut parent = view.at(first[body.parent]);
+            R = R.shifted_onto(d, &parent.rigid(COMPOSITE));
+            parent.set_rigid(COMPOSITE, &R);
+            if !body.follows_parent(k) {
+                break;
+            }
+            k -= 1;
+        }
+    }
+}
+
+/// A degree of freedom on the way from those outboard of it to the base.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Way {
+    /// Where its lane of the table starts.
+    pub(crate) start: usize,
+    /// One past the last place outboard.
+    pub(crate) end: usize,
+    /// The place that comes after it, towards the base; [`GROUND`] after the last.
+    pub(crate) next: usize,
+    /// True if its axis may have a linear part.
+    pub(crate) linear: bool,
+    /// True if the way goes on from the origin of the body to that of another.
+    pub(crate) shifts: bool,
+}
+
+/// The ways from all places, for a table of `N` rows.
+pub(crate) fn ways<T: Scalar, const N: usize>(layout: &Layout<T::Constant>, places: &Places) -> Vec<Way> {
+    let linear = linear_axes::<T>(layout, places);
+    let last = |k: usize| places.own(k).end - 1;
+    let mut ways: Vec<Way> = (0..places.margin)
+        .map(|at| Way {
+            start: Table::<T, N>::start(at),
+            end: places.count,
+            next: GROUND,
+            linear: false,
+            shifts: false,
+        })
+        .collect();
+    for (k, body) in layout.bodies().iter().enumerate() {
+        for at in places.own(k) {
+            let first = at == places.first[k];
+            let next = match body.parent {
+                _ if !first => at - 1,
+                GROUND => GROUND,
+                parent => last(parent),
+            };
+            let shifts = first && body.parent != GROUND;
+            ways.push(Way {
+                start: Table::<T, N>::start(at),
+                end: places.end[k],
+                next,
+                linear: linear[at],
+                shifts,
+            });
+        }
+    }
+    ways
+}
+
+/// Inertias of the bodies in their own axes, by places, for registers of several bodies.
+#[derive(Clone, Debug)]
+pub(crate) struct OwnInertias<T>(Vec<[T; 10]>);
+
+impl<T: Scalar> OwnInertias<T> {
+    pub(crate) fn new(layout: &Layout<T::Constant>, places: &Places) -> Self {
+        if T::COLUMNS == 1 {
+            return OwnInertias(Vec::new());
+        }
+        // Rows of a group lie together, as in a table.
+        let mut numbers = vec![[T::zero(); 10]; places.count];
+        for (body, &at) in layout.bodies().iter().zip(&places.first) {
+            let RigidInertia { mass, first_moment: h, inertia: J } =
+                RigidInertia::<T>::constant(&body.inertia);
+            let entries = [mass, h.0[0], h.0[1], h.0[2], J.xx, J.xy, J.xz, J.yy, J.yz, J.zz];
+            let group = numbers[Places::group(at, T::COLUMNS)..][..T::COLUMNS].as_flattened_mut();
+            for (r, x) in entries.into_iter().enumerate() {
+                group[r * T::COLUMNS + at % T::COLUMNS] = x;
+            }
+        }
+        OwnInertias(numbers)
+    }
+    /// Those from place `at` on.
+    #[inline(always)]
+    pub(crate) fn at<W: Wide<T>>(&self, at: usize) -> RigidInertia<W> {
+        let group = self.0[Places::group(at, T::COLUMNS)..][..T::COLUMNS].as_flattened();
+        let lane = at & (T::COLUMNS - W::COUNT.min(T::COLUMNS));
+        let mut x = [W::zero(); 10];
+        for (r, x) in x.iter_mut().enumerate() {
+            *x = W::load(&group[r * T::COLUMNS + lane..][..W::COUNT]);
+        }
+        let [mass, hx, hy, hz, xx, xy, xz, yy, yz, zz] = x;
+        RigidInertia { mass, first_moment: Vec3([hx, hy, hz]), inertia: Sym3 { xx, xy, xz, yy, yz, zz } }
+    }
+}
+
 /// Rows of the first degree of freedom of every joint, copied to its others.
 #[inline(always)]
-pub(crate) fn spread<T: Scalar, const N: usize>(
+pub(crate) fn spread<T: Scalar, W: Wide<T>, const N: usize>(
     layout: &Layout<T::Constant>,
     places: &Places,
     view: &mut View<'_, T, N>,
     rows: impl Iterator<Item = usize> + Clone,
 ) {
     for (body, &first) in layout.bodies().iter().zip(&places.first) {
-        let count = body.hinge.nv();
-        if count == 1 {
-            continue;
-        }
-        for r in rows.clone() {
-            let x: T = view.at(first).get(r);
-            for i in 1..count {
-                view.at(first + i).set(r, x);
+        let end = first + body.hinge.nv();
+        let mut at = Places::group(first, W::COUNT);
+        while end > first + 1 && at < end {
+            let (from, to) = (first.saturating_sub(at), (end - at).min(W::COUNT));
+            for r in rows.clone() {
+                let x = W::broadcast(view.at(first).get(r));
+                let mut group = view.at(at);
+                let beside: W = group.get(r);
+                group.set(r, beside.up_to(from, x.up_to(to, beside)));
             }
+            at += W::COUNT;
         }
     }
 }

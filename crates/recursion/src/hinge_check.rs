@@ -1,7 +1,7 @@
 //! Which hinges have no articulated inertia: a check made once per model, before anything runs.
 
+use crate::composites::composite_inertias;
 use crate::layout::{GROUND, Layout};
-use crate::mass_matrix::composite_inertias;
 use phipsi_model::{Model, Subject, Violation};
 use phipsi_spatial::{Dd, Scalar};
 

@@ -157,7 +157,7 @@ impl<T: Scalar> InnovationsSweep<T> {
         shifts: &Shifts<T>,
     ) {
         let mut bodies = self.bodies.view();
-        ground_axes::turn_outboard::<T, W, _>(layout, shifts, &self.places, &mut bodies);
+        ground_axes::turn_outboard::<T, _>(layout, shifts, &self.places, &mut bodies);
         self.innovations.update::<W, _>(layout, &self.places, pivots, &mut bodies);
     }
 }

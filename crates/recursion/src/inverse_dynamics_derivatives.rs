@@ -24,7 +24,9 @@
 use crate::derivative_columns::{Meet, Meetings};
 use crate::error::{DynamicsError, check_length};
 use crate::flexible::{Map, derivatives};
-use crate::ground_axes::{self, AXIS, COMPOSITE, Directions, OFFSET, each_own_inertia, set_body, spread};
+use crate::ground_axes::{
+    self, AXIS, COMPOSITE, Directions, OFFSET, OwnInertias, each_own_inertia, set_body, spread,
+};
 use crate::hinge::{Hinge, combine};
 use crate::layout::{GROUND, Layout, Shifts};
 use crate::places::{Group, Places, Table, View, mirror};
@@ -176,6 +178,7 @@ impl<T: Scalar> WideKernel<T> for Derive<'_, T> {
 pub(crate) struct DerivativeSweeps<T> {
     pub(crate) places: Places,
     pub(crate) table: Table<T, ROWS>,
+    own: OwnInertias<T>,
     pub(crate) meetings: Meetings<T>,
     /// Minus the external wrenches, where there are any.
     loads: Vec<Wrench<T>>,
@@ -187,6 +190,7 @@ impl<T: Scalar> DerivativeSweeps<T> {
         let places = Places::new::<T>(layout);
         DerivativeSweeps {
             table: ground_axes::table(&places),
+            own: OwnInertias::new(layout, &places),
             meetings: Meetings::new(layout, &places),
             places,
             loads: vec![Wrench::zero(); layout.len()],
@@ -215,9 +219,9 @@ impl<T: Scalar> DerivativeSweeps<T> {
     ) {
         let (places, mut view) = (&self.places, self.table.view());
         let view = &mut view;
-        move_outboard::<T, W, TURNING>(layout, shifts, places, view, v, a);
-        each_own_inertia!(T, W, layout, places, view, |group, own| {
-            let composite = Composite::of_body(&own, group.vector(OMEGA), group.motion(ALPHA));
+        move_outboard::<T, TURNING>(layout, shifts, places, view, v, a);
+        each_own_inertia!(T, W, layout, places, self.own, view, |group, inertia| {
+            let composite = Composite::of_body(&inertia, group.vector(OMEGA), group.motion(ALPHA));
             composite.put(&mut group);
         });
         if self.loaded {
@@ -230,7 +234,12 @@ impl<T: Scalar> DerivativeSweeps<T> {
             }
         }
         gather_inboard(layout, places, view);
-        spread(layout, places, view, (CARRIED_OMEGA..ALPHA).chain(COMPOSITE..DRIFT).chain(MOMENT..PSI));
+        spread::<_, W, ROWS>(
+            layout,
+            places,
+            view,
+            (CARRIED_OMEGA..ALPHA).chain(COMPOSITE..DRIFT).chain(MOMENT..PSI),
+        );
         let mut at = Places::group(places.margin, W::COUNT);
         while at < places.count {
             let mut group = view.at(at);
@@ -254,7 +263,7 @@ impl<T: Scalar> DerivativeSweeps<T> {
 
 /// Motions of all bodies, base to tip.
 #[inline(always)]
-fn move_outboard<T: Scalar, W: Wide<T>, const TURNING: bool>(
+fn move_outboard<T: Scalar, const TURNING: bool>(
     layout: &Layout<T::Constant>,
     shifts: &Shifts<T>,
     places: &Places,
@@ -278,7 +287,7 @@ fn move_outboard<T: Scalar, W: Wide<T>, const TURNING: bool>(
             }
         };
         let (axes, d) = shifts.at(k, body).axes_to_child(inboard.axes);
-        set_body::<T, W, ROWS>(view, places.first[k], body, &axes, d);
+        set_body(view, places.first[k], body, &axes, d);
         let mut here = view.at(places.first[k]);
         let mut around = inboard.omega.cross(d);
         let carried =

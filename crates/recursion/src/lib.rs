@@ -29,7 +29,7 @@
 pub mod articulated_sweep;
 pub mod batch;
 mod branching;
-mod columns;
+mod composites;
 mod derivative_columns;
 pub mod diagonal_dynamics;
 pub mod energy;

@@ -4,46 +4,35 @@
 //! |---|---|---|
 //! | R(k) | M(k) + Σ φ(k,c) R(c) φ*(k,c), inertia of everything outboard of joint k, joints locked | paper 2 (4.12) |
 //! | M(q) | H φ M φ* H* = H (R + φ~R + R φ~*) H* | soa.md 3.1 |
-//! | f | R H* of every degree of freedom outboard, carried to the body by φ: columns in lanes | |
+//! | S | an axis of a joint, a column of H* | paper 2 (2.3) |
+//! | f | R S of a degree of freedom, carried inboard by φ | |
+//!
+//! All vectors are in the axes of the ground ([`crate::ground_axes`]): forces stay as they are while f goes from body to body, and
+//! only moments change. Columns of M lie side by side in a register, which goes its way to the base without being stored.
 
-use crate::columns::{Columns, Rows, WidePassage};
 use crate::error::{DynamicsError, check_length};
 use crate::flexible::Composite;
-use crate::hinge::Hinge;
-use crate::layout::Pending;
-use crate::layout::{GROUND, Layout, LayoutBody, Shifts};
-use crate::places::{Places, mirror};
-use core::ops::Range;
-use num_traits::Zero;
+use crate::ground_axes::{
+    self, AXIS, COMPOSITE, OFFSET, OwnInertias, ROWS, Way, along, each_own_inertia, gather_composites,
+    spread, turn_outboard, ways,
+};
+use crate::layout::{Layout, Shifts};
+use crate::places::{Panels, Places, Table, View, inside, vector};
 use phipsi_spatial::wide::{Wide, WideKernel};
-use phipsi_spatial::{RigidInertia, Scalar, Transform, Wrench};
-
-/// Composite inertias R of all bodies with their hinge transforms, tip to base.
-pub(crate) fn composite_inertias<T: Scalar>(
-    layout: &Layout<T::Constant>,
-    q: &[T],
-) -> (Vec<Transform<T>>, Vec<RigidInertia<T>>) {
-    let hinge: Vec<_> = layout.bodies.iter().map(|b| b.pose(q)).collect();
-    let mut R: Vec<_> = layout.bodies.iter().map(|b| RigidInertia::constant(&b.inertia)).collect();
-    for (k, body) in layout.bodies.iter().enumerate().rev() {
-        if body.parent != GROUND {
-            R[body.parent] = R[body.parent] + hinge[k].rigid_to_parent(&R[k]);
-        }
-    }
-    (hinge, R)
-}
+use phipsi_spatial::{RigidInertia, Scalar, Wrench};
 
 /// Workspace of the mass matrix.
 #[derive(Clone, Debug)]
 pub struct MassMatrix<T: Scalar> {
     shifts: Shifts<T::Arithmetic>,
-    pending: Pending<RigidInertia<T::Arithmetic>>,
     places: Places,
-    columns: Columns<T::Arithmetic>,
-    /// A row of M before its entries go to their places.
-    line: Vec<T::Arithmetic>,
-    /// True if more than a third of M may differ from zero.
-    dense: bool,
+    bodies: Table<T::Arithmetic, ROWS>,
+    own: OwnInertias<T::Arithmetic>,
+    ways: Vec<Way>,
+    /// True if any axis may have a linear part.
+    linear: bool,
+    /// M by places, above the diagonal, where columns lie side by side. What is zero for every configuration is never anything else between calls.
+    upper: Panels<T::Arithmetic>,
     /// For a layout with flexible bodies.
     flexible: Option<Box<Composite<T>>>,
 }
@@ -52,12 +41,14 @@ impl<T: Scalar> MassMatrix<T> {
     /// A workspace for a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
         let places = Places::new::<T::Arithmetic>(layout);
+        let ways = ways::<T::Arithmetic, ROWS>(layout, &places);
         MassMatrix {
             shifts: Shifts::new(layout),
-            pending: Pending::new(layout, RigidInertia::zero()),
-            columns: Columns::new(&places),
-            line: vec![T::Arithmetic::zero(); places.count],
-            dense: 3 * places.pairs() > layout.nv() * layout.nv(),
+            bodies: ground_axes::table(&places),
+            own: OwnInertias::new(layout, &places),
+            linear: ways.iter().any(|way| way.linear),
+            ways,
+            upper: Panels::new(&places),
             places,
             flexible: layout.flexible().map(|tree| Box::new(Composite::new(tree))),
         }
@@ -91,43 +82,6 @@ impl<T: Scalar> MassMatrix<T> {
     }
 }
 
-/// Composite inertias R of bodies, tip to base.
-pub(crate) struct Composites<'a, T: Scalar> {
-    layout: &'a Layout<T::Constant>,
-    shifts: &'a Shifts<T>,
-    pending: &'a mut Pending<RigidInertia<T>>,
-    hand: RigidInertia<T>,
-}
-
-impl<'a, T: Scalar> Composites<'a, T> {
-    #[inline(always)]
-    pub(crate) fn begin(
-        layout: &'a Layout<T::Constant>,
-        shifts: &'a Shifts<T>,
-        pending: &'a mut Pending<RigidInertia<T>>,
-    ) -> Self {
-        pending.clear();
-        Composites { layout, shifts, pending, hand: RigidInertia::zero() }
-    }
-    /// R of body `k`, after all bodies that are stored after it.
-    #[inline(always)]
-    pub(crate) fn next(&mut self, k: usize, body: &LayoutBody<T::Constant>) -> RigidInertia<T> {
-        let R = match self.pending.all(body, &mut self.hand, |a, b| *a = *a + *b) {
-            Some(R) => R,
-            None => RigidInertia::constant(&body.inertia),
-        };
-        if body.follows_parent(k) {
-            // The first child gives also what its parent has of its own.
-            let own = RigidInertia::constant(&self.layout.bodies[body.parent].inertia);
-            self.hand = self.shifts.at(k, body).rigid_onto_parent(&R, &own);
-        } else if body.parent != GROUND {
-            let moved = self.shifts.at(k, body).rigid_to_parent(&R);
-            self.pending.give(k, body, &mut self.hand, moved);
-        }
-        R
-    }
-}
-
 struct Sweep<'a, T: Scalar> {
     work: &'a mut MassMatrix<T>,
     layout: &'a Layout<T::Constant>,
@@ -140,159 +94,80 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
     #[inline(always)]
     fn run<W: Wide<T::Arithmetic>>(self) {
         let Sweep { work, layout, q, out } = self;
-        let MassMatrix { shifts, pending, places, columns, line, dense, .. } = work;
-        let mut columns = columns.rows();
-        let mut matrix = Matrix { out, nv: layout.nv(), places, line, dense: *dense };
-        if !matrix.dense {
-            matrix.out.fill(T::Arithmetic::zero());
-        }
+        let MassMatrix { shifts, places, bodies, own, ways, linear, upper, .. } = work;
+        let (view, nv) = (&mut bodies.view(), layout.nv());
         shifts.set_all(layout, q);
-        let mut composites = Composites::begin(layout, shifts, pending);
-        for (k, body) in layout.bodies.iter().enumerate().rev() {
-            let R = composites.next(k, body);
-            let passage = shifts.at(k, body);
-            let passage = WidePassage::<T::Arithmetic, W>::new(body, passage);
-            match body.hinge {
-                Hinge::Revolute => step::<_, W, 2>(&mut matrix, &mut columns, k, body, &passage, &R),
-                Hinge::Prismatic => step::<_, W, 5>(&mut matrix, &mut columns, k, body, &passage, &R),
-                _ => general_step(&mut matrix, &mut columns, k, body, &passage, &R),
-            }
+        turn_outboard::<_, ROWS>(layout, shifts, places, view);
+        each_own_inertia!(T::Arithmetic, W, layout, places, own, view, |group, inertia| {
+            group.set_rigid(COMPOSITE, &inertia)
+        });
+        gather_composites(layout, places, view);
+        spread::<_, W, ROWS>(layout, places, view, COMPOSITE..ROWS);
+        if !places.all_related() {
+            clear::<_, W>(out);
         }
-        if *dense {
-            mirror::<_, W>(matrix.out, layout.nv(), layout.nv());
-        }
-    }
-}
-
-/// A joint of one degree of freedom along component `C`: its own column never leaves the registers before it is moved.
-#[inline(always)]
-fn step<T: Scalar, W: Wide<T>, const C: usize>(
-    matrix: &mut Matrix<'_, T>,
-    columns: &mut Rows<'_, T>,
-    k: usize,
-    body: &LayoutBody<T::Constant>,
-    passage: &WidePassage<'_, T, W>,
-    R: &RigidInertia<T>,
-) {
-    let own = R.column(C).to_array();
-    let range = matrix.places.outboard(k);
-    let in_order = matrix.places.in_order();
-    let mut at = range.end;
-    while at > range.start {
-        at -= W::COUNT;
-        let mut f = columns.load::<W>(at);
-        if at <= range.start {
-            let (lane, x) = (range.start - at, f.to_array());
-            f = Wrench::from_array([
-                x[0].with(lane, own[0]),
-                x[1].with(lane, own[1]),
-                x[2].with(lane, own[2]),
-                x[3].with(lane, own[3]),
-                x[4].with(lane, own[4]),
-                x[5].with(lane, own[5]),
-            ]);
-        }
-        matrix.put(in_order, body.v, range.start, at, f.get(C));
-        if body.parent != GROUND {
-            columns.store(at, passage.wrench_to_parent(f));
-        }
-    }
-    matrix.finish::<W>(in_order, body.v, range);
-}
-
-/// Any joint.
-#[inline(always)]
-fn general_step<T: Scalar, W: Wide<T>>(
-    matrix: &mut Matrix<'_, T>,
-    columns: &mut Rows<'_, T>,
-    k: usize,
-    body: &LayoutBody<T::Constant>,
-    passage: &WidePassage<'_, T, W>,
-    R: &RigidInertia<T>,
-) {
-    let range = matrix.places.outboard(k);
-    let in_order = matrix.places.in_order();
-    for (i, &c) in body.hinge.components().iter().enumerate() {
-        let helical = matches!(body.hinge, Hinge::Helical { .. });
-        let own = if helical { R.momentum(body.hinge.axis(i)) } else { R.column(c) };
-        columns.set(range.start + i, own);
-    }
-    for (i, &c) in body.hinge.components().iter().enumerate() {
-        let start = range.start + i;
-        let mut at = range.end;
-        while at > start {
-            at -= W::COUNT;
-            let mut along: W = columns.component(c, at);
-            if let Hinge::Helical { pitch } = body.hinge {
-                along = W::constant(pitch).fma(columns.component(5, at), along);
-            }
-            matrix.put(in_order, body.v + i, start, at, along);
-        }
-        matrix.finish::<W>(in_order, body.v + i, start..range.end);
-    }
-    if body.parent != GROUND {
-        let mut at = range.end;
-        while at > range.start {
-            at -= W::COUNT;
-            let f = columns.load(at);
-            columns.store(at, passage.wrench_to_parent(f));
-        }
-    }
-}
-
-/// M on its way out: rows of the upper triangle, since parents come before children in v, too.
-struct Matrix<'a, T> {
-    out: &'a mut [T],
-    nv: usize,
-    places: &'a Places,
-    line: &'a mut [T],
-    dense: bool,
-}
-
-impl<T: Scalar> Matrix<'_, T> {
-    /// Entries of row `v` for the columns from place `at` on; the row begins at place `start`.
-    #[inline(always)]
-    fn put<W: Wide<T>>(&mut self, in_order: bool, v: usize, start: usize, at: usize, along: W) {
-        if !in_order {
-            along.store(&mut self.line[at..]);
-        } else if at >= start {
-            along.store(&mut self.out[v * self.nv + v + (at - start)..]);
-        } else {
-            along.store_from(start - at, &mut self.out[v * self.nv + v..]);
-        }
-    }
-    /// Ends row `v`.
-    #[inline(always)]
-    fn finish<W: Wide<T>>(&mut self, in_order: bool, v: usize, range: Range<usize>) {
-        let nv = self.nv;
-        if in_order {
-            let end = v + range.len();
-            if self.dense {
-                clear::<T, W>(&mut self.out[v * nv + end..(v + 1) * nv]);
+        let mut at = Places::group(places.margin, W::COUNT);
+        while at < places.count {
+            let group = view.at(at);
+            let R: RigidInertia<W> = group.rigid(COMPOSITE);
+            let f = if *linear { R.momentum(group.motion(AXIS)) } else { R.spin(group.vector(AXIS)) };
+            if W::COUNT > 1 {
+                let panel = upper.panel_mut(at);
+                carry::<_, W>(places, ways, view, at, f, |row, x| {
+                    let row = row * T::Arithmetic::COLUMNS;
+                    x.store(&mut panel[row..row + W::COUNT]);
+                });
             } else {
-                for c in v + 1..end {
-                    self.out[c * nv + v] = self.out[v * nv + c];
-                }
+                carry::<_, W>(places, ways, view, at, f, |row, x| {
+                    let (i, j) = (places.dof(row), places.dof(at));
+                    x.store(&mut out[i * nv + j..]);
+                    x.store(&mut out[j * nv + i..]);
+                });
             }
-            return;
+            at += W::COUNT;
         }
-        if self.dense {
-            clear::<T, W>(&mut self.out[v * nv + v..(v + 1) * nv]);
-        }
-        for (&c, &x) in self.places.dofs(range.clone()).iter().zip(&self.line[range]) {
-            self.out[v * nv + c] = x;
-            if !self.dense {
-                self.out[c * nv + v] = x;
-            }
+        if W::COUNT > 1 {
+            places.write_symmetric::<_, W>(upper, out);
         }
     }
 }
 
-/// Zeros, by stores alone: a call would drive what a sweep carries out of the registers.
+/// Zeros, by stores alone: small matrices would feel a call.
 #[inline(always)]
 fn clear<T: Scalar, W: Wide<T>>(x: &mut [T]) {
-    for group in x.chunks_mut(W::COUNT) {
-        W::zero().store_first(group);
+    let mut groups = x.chunks_exact_mut(W::COUNT);
+    for group in &mut groups {
+        W::zero().store(group);
+    }
+    W::zero().store_first(groups.into_remainder());
+}
+
+/// f of the degrees of freedom from place `at` on, on its way to the base: past their own places, then past those inboard of the
+/// first, which are all that are inboard of any.
+#[inline(always)]
+fn carry<T: Scalar, W: Wide<T>>(
+    places: &Places,
+    ways: &[Way],
+    view: &View<'_, T, ROWS>,
+    at: usize,
+    mut f: Wrench<W>,
+    mut put: impl FnMut(usize, W),
+) {
+    let lowest = at.max(places.margin);
+    let mut place = at + W::COUNT - 1;
+    while let Some(way) = ways.get(place) {
+        let here = view.lane(way.start);
+        // Columns of what lies outboard have not begun yet; those beyond are of other branches.
+        let (from, to) = (place.saturating_sub(at), way.end - at);
+        let whole = to >= W::COUNT;
+        let x: W = along(&here.motion(AXIS), way.linear, &f);
+        put(place, if whole { x } else { x.between(0, to) });
+        if way.shifts {
+            let d = vector::<T, W>(here.vector(OFFSET));
+            let d = if whole && from == 0 { d } else { inside(d, from, to.min(W::COUNT)) };
+            f.moment = d.cross_add(f.force, f.moment);
+        }
+        place = if place > lowest { place - 1 } else { way.next };
     }
 }
 

@@ -5,6 +5,7 @@
 //! | h(k) | M(k) V(k) + Σ φ(k,c) h(c), momentum of everything outboard of joint k | notes/integrators.md 1 |
 //! | R(k) | M(k) + Σ φ(k,c) R(c) φ*(k,c), inertia of everything outboard of joint k, joints locked | paper 2 (4.12) |
 
+use crate::composites::Composites;
 use crate::energy::{CenterOfMass, Root};
 use crate::error::{DynamicsError, check_length};
 use crate::flexible::{FlexibleTree, NewtonEuler};
@@ -12,7 +13,6 @@ use crate::hinge::{Axes, Hinge, combine};
 use crate::kernel::kernel;
 use crate::layout::Pending;
 use crate::layout::{GROUND, Layout, Shifts};
-use crate::mass_matrix::Composites;
 use phipsi_spatial::{Motion, RigidInertia, Scalar, Transform, Vec3, Wrench};
 
 /// The point about which angular momentum is taken.

@@ -13,6 +13,10 @@ use phipsi_spatial::{Mat3, Motion, Scalar, Sym3, Vec3, Wrench};
 /// Rows that a product takes at once.
 pub(crate) const ROWS: usize = 4;
 
+mod panels;
+
+pub(crate) use panels::Panels;
+
 /// Where degrees of freedom are.
 #[derive(Clone, Debug)]
 pub(crate) struct Places {
@@ -28,6 +32,10 @@ pub(crate) struct Places {
     pub(crate) stride: usize,
     /// Degree of freedom of the model at every place.
     dof: Vec<usize>,
+    /// One past the last place outboard of every place; nothing is outboard of the empty ones.
+    outboard: Vec<usize>,
+    /// True if of every two bodies one is outboard of the other.
+    all_related: bool,
     /// True if the model's order is that of the places.
     in_order: bool,
 }
@@ -41,32 +49,30 @@ impl Places {
         let margin = count - nv;
         let stride = (count / T::COLUMNS / 2 * 2 + 1) * T::COLUMNS;
         let (mut first, mut end, mut dof) = (Vec::new(), Vec::new(), vec![0; margin]);
-        for (body, outboard) in layout.bodies().iter().zip(&layout.outboard_dofs) {
+        let mut outboard = vec![0; margin];
+        for (body, dofs) in layout.bodies().iter().zip(&layout.outboard_dofs) {
             first.push(dof.len());
-            end.push(dof.len() + outboard);
+            end.push(dof.len() + dofs);
             dof.extend(body.v..body.v + body.hinge.nv());
+            outboard.extend(end.last().into_iter().cycle().take(body.hinge.nv()));
         }
+        let all_related = end.iter().all(|&end| end == count);
         let in_order = (0..nv).all(|i| dof[margin + i] == i);
-        Places { first, end, margin, count, stride, dof, in_order }
+        Places { first, end, margin, count, stride, dof, outboard, all_related, in_order }
     }
     /// The places of a body's own degrees of freedom.
     pub(crate) fn own(&self, k: usize) -> Range<usize> {
         self.first[k]..self.first.get(k + 1).copied().unwrap_or(self.count)
     }
-    /// The places of a body and of all outboard of it.
+    /// Degree of freedom of the model at a place.
     #[inline(always)]
-    pub(crate) fn outboard(&self, k: usize) -> Range<usize> {
-        self.first[k]..self.end[k]
+    pub(crate) fn dof(&self, place: usize) -> usize {
+        self.dof[place]
     }
-    /// True if degrees of freedom follow each other also in v.
+    /// True if of every two bodies one is outboard of the other.
     #[inline(always)]
-    pub(crate) fn in_order(&self) -> bool {
-        self.in_order
-    }
-    /// Degrees of freedom of a range of places.
-    #[inline(always)]
-    pub(crate) fn dofs(&self, range: Range<usize>) -> &[usize] {
-        &self.dof[range]
+    pub(crate) fn all_related(&self) -> bool {
+        self.all_related
     }
     /// Pairs of a degree of freedom with one that is not inboard of it.
     pub(crate) fn pairs(&self) -> usize {
@@ -176,6 +182,13 @@ impl<T: Scalar, const N: usize> Table<T, N> {
     }
 }
 
+impl<T: Scalar, const N: usize> Table<T, N> {
+    /// Where the numbers of a place start.
+    pub(crate) fn start(at: usize) -> usize {
+        at / T::COLUMNS * (N * T::COLUMNS) + at % T::COLUMNS
+    }
+}
+
 /// See [`Table`].
 pub(crate) struct View<'a, T, const N: usize> {
     numbers: &'a mut [T],
@@ -187,6 +200,36 @@ impl<T: Scalar, const N: usize> View<'_, T, N> {
     pub(crate) fn at(&mut self, at: usize) -> Group<'_, T, N> {
         let start = at / T::COLUMNS * (N * T::COLUMNS);
         Group { numbers: &mut self.numbers[start..start + N * T::COLUMNS], lane: at % T::COLUMNS }
+    }
+}
+
+impl<T: Scalar, const N: usize> View<'_, T, N> {
+    /// The numbers of a place, by where they start.
+    #[inline(always)]
+    pub(crate) fn lane(&self, start: usize) -> Lane<'_, T, N> {
+        Lane { numbers: &self.numbers[start..start + (N - 1) * T::COLUMNS + 1] }
+    }
+}
+
+/// The rows of one place.
+pub(crate) struct Lane<'a, T, const N: usize> {
+    numbers: &'a [T],
+}
+
+impl<T: Scalar, const N: usize> Lane<'_, T, N> {
+    #[inline(always)]
+    fn get(&self, r: usize) -> T {
+        self.numbers[..(N - 1) * T::COLUMNS + 1][r * T::COLUMNS]
+    }
+    /// Rows `r` to `r` + 2.
+    #[inline(always)]
+    pub(crate) fn vector(&self, r: usize) -> Vec3<T> {
+        Vec3([self.get(r), self.get(r + 1), self.get(r + 2)])
+    }
+    /// Rows `r` to `r` + 5.
+    #[inline(always)]
+    pub(crate) fn motion(&self, r: usize) -> Motion<T> {
+        Motion::new(self.vector(r), self.vector(r + 3))
     }
 }
 

@@ -25,6 +25,8 @@ pub trait Wide<T: Scalar>: Scalar<Constant = T::Constant> {
     fn store_from(self, first: usize, out: &mut [T]);
     /// With another number in one place.
     fn with(self, place: usize, x: T) -> Self;
+    /// The numbers before place `place`, and those of `others` from there on.
+    fn up_to(self, place: usize, others: Self) -> Self;
     /// Zero before place `from` and from place `to` on, neither beyond [`Wide::COUNT`].
     fn between(self, from: usize, to: usize) -> Self;
     /// Number j of register i becomes number i of register j, of the first [`Wide::COUNT`] registers.
@@ -67,6 +69,10 @@ impl<T: Scalar> Wide<T> for T {
     #[inline(always)]
     fn with(self, _: usize, x: T) -> Self {
         x
+    }
+    #[inline(always)]
+    fn up_to(self, place: usize, others: Self) -> Self {
+        if place == 0 { others } else { self }
     }
     #[inline(always)]
     fn between(self, from: usize, to: usize) -> Self {

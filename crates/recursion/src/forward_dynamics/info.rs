@@ -1,9 +1,10 @@
 //! How good a result of forward dynamics is: backward error and worst hinge.
 
+use crate::composites::composite_inertias;
 use crate::error::DynamicsError;
 use crate::inverse_dynamics::inverse_dynamics;
 use crate::layout::{GROUND, Layout};
-use crate::mass_matrix::{composite_inertias, mass_matrix};
+use crate::mass_matrix::mass_matrix;
 use phipsi_spatial::{Real, Wrench};
 
 /// The hinge that loses most digits.

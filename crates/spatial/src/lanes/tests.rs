@@ -162,6 +162,8 @@ impl WideKernel<Fused> for SideBySide {
             let mut want = numbers[..n].to_vec();
             want[place] = Fused(0.5);
             assert_eq!(read(W::load(&numbers).with(place, Fused(0.5))), want);
+            let both = W::load(&numbers).up_to(place, W::load(&numbers[1..]));
+            assert_eq!(read(both), [&numbers[..place], &numbers[1 + place..=n]].concat(), "up to {place}");
             for to in place..=n {
                 let inside = |i: usize| place <= i && i < to;
                 let want: Vec<Fused> =

@@ -43,7 +43,7 @@ macro_rules! lanes {
         $t:ident, $n:literal, $with:ident, $set:ident, $load:ident, $store:ident,
         $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident, $sqrt:ident,
         negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident,
-        insert: $insert:ident, between: $between:ident,
+        insert: $insert:ident, up_to: $up_to:ident, between: $between:ident,
         store_from: $store_from:ident, load_first: $load_first:ident,
         store_first: $store_first:ident, transpose: $transpose:ident, pack: $pack:ident, unpack: $unpack:ident
     ) => {
@@ -200,6 +200,10 @@ macro_rules! lanes {
                 unsafe { $t($insert(self.0, lane, x.0)) }
             }
             #[inline(always)]
+            fn up_to(self, place: usize, others: Self) -> Self {
+                unsafe { $t($up_to(self.0, place, others.0)) }
+            }
+            #[inline(always)]
             fn between(self, from: usize, to: usize) -> Self {
                 unsafe { $t($between(self.0, from, to)) }
             }
@@ -234,7 +238,7 @@ lanes!(
     F64x4, 4, with_fma, _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd,
     _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd, _mm256_fmadd_pd, _mm256_sqrt_pd,
     negate: negate4, all: all_between4, size: size4, turn: turn4,
-    insert: insert4, between: between4,
+    insert: insert4, up_to: up_to4, between: between4,
     store_from: store_from4, load_first: load_first4, store_first: store_first4,
     transpose: transpose4, pack: pack4, unpack: unpack4
 );
@@ -243,7 +247,7 @@ lanes!(
     F64x8, 8, with_avx512, _mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd,
     _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd, _mm512_div_pd, _mm512_fmadd_pd, _mm512_sqrt_pd,
     negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8,
-    insert: insert8, between: between8,
+    insert: insert8, up_to: up_to8, between: between8,
     store_from: store_from8, load_first: load_first8, store_first: store_first8,
     transpose: transpose8, pack: pack8, unpack: unpack8
 );
@@ -325,6 +329,19 @@ unsafe fn insert8(x: __m512d, lane: usize, number: f64) -> __m512d {
 }
 
 #[inline(always)]
+unsafe fn up_to4(x: __m256d, lane: usize, others: __m256d) -> __m256d {
+    unsafe {
+        let before = _mm256_cmpgt_epi64(_mm256_set1_epi64x(lane as i64), _mm256_setr_epi64x(0, 1, 2, 3));
+        _mm256_blendv_pd(others, x, _mm256_castsi256_pd(before))
+    }
+}
+
+#[inline(always)]
+unsafe fn up_to8(x: __m512d, lane: usize, others: __m512d) -> __m512d {
+    unsafe { _mm512_mask_blend_pd(0xffu32.wrapping_shl(lane as u32) as u8, x, others) }
+}
+
+#[inline(always)]
 unsafe fn between4(x: __m256d, from: usize, to: usize) -> __m256d {
     unsafe {
         let lanes = _mm256_setr_epi64x(0, 1, 2, 3);
@@ -343,10 +360,18 @@ unsafe fn between8(x: __m512d, from: usize, to: usize) -> __m512d {
 /// `to` has as many numbers as there are lanes from `first` on, at least one.
 #[inline(always)]
 unsafe fn store_from4(to: &mut [Fused], first: usize, x: __m256d) {
-    let mut all = [0.0; 4];
-    unsafe { _mm256_storeu_pd(all.as_mut_ptr(), x) };
-    for (to, x) in to.iter_mut().zip(&all[first..]) {
-        *to = Fused(*x);
+    let to = to.as_mut_ptr().cast::<f64>();
+    unsafe {
+        let high = _mm256_extractf128_pd::<1>(x);
+        match first {
+            0 => _mm256_storeu_pd(to, x),
+            1 => {
+                _mm_storeh_pd(to, _mm256_castpd256_pd128(x));
+                _mm_storeu_pd(to.add(1), high);
+            }
+            2 => _mm_storeu_pd(to, high),
+            _ => _mm_storeh_pd(to, high),
+        }
     }
 }
 

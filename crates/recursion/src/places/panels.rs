@@ -1,0 +1,122 @@
+//! A symmetric matrix on its way from registers to the model's order.
+
+use super::Places;
+use phipsi_spatial::Scalar;
+use phipsi_spatial::wide::{WIDEST, Wide};
+
+/// A step for every place of a register, whose number is a constant: an array of registers then needs no memory.
+macro_rules! each_place {
+    ($w:ty, $i:ident => $step:expr) => {
+        each_place!($w, $i => $step; 0 1 2 3 4 5 6 7)
+    };
+    ($w:ty, $i:ident => $step:expr; $($number:literal)*) => {$(
+        if $number < <$w>::COUNT {
+            const $i: usize = $number;
+            $step;
+        }
+    )*};
+}
+
+impl Places {
+    /// Writes a symmetric matrix, given above its diagonal, to the model's: entries of related degrees of freedom and some zeros
+    /// beside them.
+    #[inline(always)]
+    pub(crate) fn write_symmetric<T: Scalar, W: Wide<T>>(&self, upper: &Panels<T>, out: &mut [T]) {
+        let nv = self.count - self.margin;
+        if !self.in_order {
+            for row in self.margin..self.count {
+                let (i, end) = (self.dof[row], self.outboard[row]);
+                for (at, &j) in self.dof[..end].iter().enumerate().skip(row) {
+                    let x = upper.get(row, at);
+                    out[i * nv + j] = x;
+                    out[j * nv + i] = x;
+                }
+            }
+            return;
+        }
+        let mut left = Self::group(self.margin, W::COUNT);
+        while left < self.count {
+            let end = self.outboard[left..left + W::COUNT].iter().fold(0, |a, &b| a.max(b));
+            let hidden = self.margin.saturating_sub(left);
+            self.write_tile::<T, W, true>(upper, left, left, hidden, out);
+            let mut top = left + W::COUNT;
+            while top < end {
+                self.write_tile::<T, W, false>(upper, left, top, hidden, out);
+                top += W::COUNT;
+            }
+            left += W::COUNT;
+        }
+    }
+    /// Rows from place `left` on, columns from `top` on, and the same turned over; of the rows, `hidden` are empty.
+    #[inline(always)]
+    fn write_tile<T: Scalar, W: Wide<T>, const DIAGONAL: bool>(
+        &self,
+        upper: &Panels<T>,
+        left: usize,
+        top: usize,
+        hidden: usize,
+        out: &mut [T],
+    ) {
+        let (nv, margin, width) = (self.count - self.margin, self.margin, W::COUNT);
+        let tile: [W; WIDEST] = upper.tile(left, top);
+        let mut below = tile;
+        W::transpose(&mut below);
+        let (row, column) = (left + hidden - margin, top.max(margin) - margin);
+        if !DIAGONAL {
+            let corner = row * nv + column;
+            each_place!(W, I => if (hidden..).contains(&I) {
+                let at = corner + (I - hidden) * nv;
+                tile[I].store(&mut out[at..at + width]);
+            });
+        }
+        let corner = column * nv + row;
+        let skip = if DIAGONAL { hidden } else { 0 };
+        each_place!(W, I => if (skip..).contains(&I) {
+            let x = if DIAGONAL { below[I].up_to(I, tile[I]) } else { below[I] };
+            let at = corner + (I - skip) * nv;
+            if hidden == 0 {
+                x.store(&mut out[at..at + width]);
+            } else {
+                x.store_from(hidden, &mut out[at..at + width - hidden]);
+            }
+        });
+    }
+}
+
+/// A matrix by panels of [`Scalar::COLUMNS`] columns, one row after the other, so that tiles lie together.
+#[derive(Clone, Debug)]
+pub(crate) struct Panels<T> {
+    numbers: Vec<T>,
+    rows: usize,
+}
+
+impl<T: Scalar> Panels<T> {
+    /// Zeros.
+    pub(crate) fn new(places: &Places) -> Self {
+        Panels { numbers: vec![T::zero(); places.count * places.count], rows: places.count }
+    }
+    #[inline(always)]
+    fn index(&self, row: usize, column: usize) -> usize {
+        (column / T::COLUMNS * self.rows + row) * T::COLUMNS + column % T::COLUMNS
+    }
+    #[inline(always)]
+    fn get(&self, row: usize, column: usize) -> T {
+        self.numbers[self.index(row, column)]
+    }
+    /// The panel of the columns from place `column` on, each row from there on at multiples of [`Scalar::COLUMNS`].
+    #[inline(always)]
+    pub(crate) fn panel_mut(&mut self, column: usize) -> &mut [T] {
+        let (start, end) = (self.index(0, column), self.index(self.rows, Places::group(column, T::COLUMNS)));
+        &mut self.numbers[start..end]
+    }
+    /// As many rows as a register has columns.
+    #[inline(always)]
+    fn tile<W: Wide<T>>(&self, row: usize, column: usize) -> [W; WIDEST] {
+        let start = self.index(row, Places::group(column, T::COLUMNS));
+        let lane = column & (T::COLUMNS - W::COUNT.min(T::COLUMNS));
+        let rows = &self.numbers[start..start + W::COUNT * T::COLUMNS];
+        let mut tile = [W::zero(); WIDEST];
+        each_place!(W, I => tile[I] = W::load(&rows[..W::COUNT * T::COLUMNS][I * T::COLUMNS + lane..][..W::COUNT]));
+        tile
+    }
+}
