@@ -201,7 +201,7 @@ impl<'a> Runner<'a> {
             return Ok(());
         }
         let message = format!(
-            "after {} steps the run is at t = {t:e} {unit} and goes on by {step:.1e} {unit} a step: its end at t = {t_end:e} {unit} \
+            "after {} steps the run is at t = {t:.2e} {unit} and goes on by {step:.1e} {unit} a step: its end at t = {t_end:e} {unit} \
              is {left:.0e} steps away, but at most {MOST_STEPS:e} are within reach; choose an earlier t_end, or let an event stop the run",
             self.steps
         );

@@ -5,8 +5,7 @@ use phipsi_simulate::{Recording, Summary, run};
 use std::path::Path;
 
 /// Factor within which the estimate must lie, the part of runs in which it must, and errors that are too small to matter. At loose
-/// tolerances the error of a run may be a hundred times smaller than that of its neighbours by chance, which no second run can know:
-/// 144 of 154 were within.
+/// tolerances the error of a run may be a thousand times smaller than that of its neighbours by chance, which no second run can know.
 const FACTOR: f64 = 10.0;
 const PART: f64 = 0.95;
 const SMALL: f64 = 1e-12;
