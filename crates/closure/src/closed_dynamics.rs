@@ -159,12 +159,9 @@ pub struct ClosedDynamics<T: Real> {
     pub(crate) origin: Vec<T>,
     /// The model without its loops.
     pub(crate) model: Model,
-    omega: Vec<Vec3<T>>,
+    omega: Vec<Vec3<Arithmetic<T>>>,
     inverse: InverseDynamics<T>,
     work: Vec<T>,
-    /// Right-hand sides of the rows, and the size of their terms.
-    pub(crate) terms: Vec<T>,
-    sizes: Vec<T>,
 }
 
 impl<T: Real> ClosedDynamics<T> {
@@ -188,8 +185,6 @@ impl<T: Real> ClosedDynamics<T> {
             omega: vec![Vec3::zero(); tree.len()],
             inverse: InverseDynamics::new(&layout),
             work: vec![T::zero(); layout.nv()],
-            terms: vec![T::zero(); structure.rows],
-            sizes: vec![T::zero(); structure.rows],
             layout,
             tree,
             structure,
@@ -298,9 +293,13 @@ impl<T: Real> ClosedDynamics<T> {
         Ok(())
     }
     /// Sets Jv − γ̇; returns the largest.
-    #[inline(always)]
     pub(crate) fn set_rates(&mut self, v: &[T], conditions: &Conditions<'_, T>) -> f64 {
         self.frames.set_velocity(&self.structure, &self.tree, v, &mut self.rates);
+        self.given_rates(conditions)
+    }
+    /// Takes the rates that the closures are given from Jv; returns the largest that is left.
+    #[inline(always)]
+    fn given_rates(&mut self, conditions: &Conditions<'_, T>) -> f64 {
         if let Some(motion) = &conditions.motion {
             for (rate, gamma) in self.rates.iter_mut().zip(motion.velocity) {
                 *rate -= *gamma;

@@ -14,7 +14,7 @@
 
 use crate::factors::Factors;
 use crate::frames::Frames;
-use crate::number::{Arithmetic, larger, motion, size, transform};
+use crate::number::{Arithmetic, larger, motion, size};
 use crate::structure::{Operation, Structure};
 use crate::tree::{Joint, Tree};
 use phipsi_recursion::layout::GROUND;
@@ -178,7 +178,7 @@ impl<T: Real> Solution<T> {
                 _ => self.filter(structure, tree, frames, factors, load, k),
             }
             if body.parent != GROUND {
-                let z = transform(&frames.poses[k]).wrench_to_parent(self.z[k]);
+                let z = frames.poses[k].wrench_to_parent(self.z[k]);
                 self.z[body.parent] += z;
                 if let Some(first) = structure.attached[k] {
                     let flexible = &tree.bodies[body.parent];
@@ -203,7 +203,7 @@ impl<T: Real> Solution<T> {
                         inboard += motion(*screw).scale(*x);
                     }
                 }
-                let inboard = transform(&frames.poses[k]).motion_to_child(inboard);
+                let inboard = frames.poses[k].motion_to_child(inboard);
                 match body.joint {
                     Joint::Modes(i) => {
                         self.smooth_modes(structure, factors, k, (i, body.v, body.nv), inboard, out);

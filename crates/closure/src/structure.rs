@@ -10,6 +10,7 @@
 //! | join | appends a joint's rows to the blocks of its body: one block that goes up to the parent; in place, where one block waits |
 
 use crate::error::ClosureError;
+use crate::rows::MOST_ROWS;
 use crate::tree::Tree;
 use phipsi_model::{ClosureKind, Model};
 use phipsi_recursion::Layout;
@@ -54,6 +55,8 @@ pub(crate) struct Loop<T> {
     pub(crate) kind: LoopKind<T>,
     /// Its rows among all rows.
     pub(crate) rows: Range<usize>,
+    /// Component of the relative twist that each row is along, or [`crate::rows::OWN`].
+    pub(crate) axes: [usize; MOST_ROWS],
     /// Number of its first rows that are angles.
     pub(crate) angular: usize,
     /// The body in which its branches meet, or [`GROUND`].

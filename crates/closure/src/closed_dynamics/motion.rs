@@ -2,34 +2,36 @@
 
 use super::{ClosedDynamics, Conditions};
 use crate::frames::weight;
-use crate::number::{motion, wrench};
+use crate::number::{Arithmetic, motion, transform, vector, wrench};
 use crate::tree::Joint;
+use phipsi_recursion::hinge::Hinge;
 use phipsi_recursion::layout::GROUND;
-use phipsi_spatial::{Kernel, Motion, Real, Transform, Vec3, Wrench};
+use phipsi_spatial::{Kernel, Motion, Real, RigidInertia, Scalar, Transform, Vec3, Wrench};
 
 impl<T: Real> ClosedDynamics<T> {
     /// Everything that velocities and wrenches give; returns the largest residual of the rates.
     #[inline(always)]
     fn set_motion(&mut self, (q, v): (&[T], &[T]), conditions: &Conditions<'_, T>) -> f64 {
         self.set_bias(q, v, conditions.wrenches);
-        let velocity_error = self.set_rates(v, conditions);
-        self.terms.fill(T::zero());
-        self.sizes.fill(T::zero());
+        self.frames.turn(&self.structure, &self.tree, v, &mut self.rates);
+        let velocity_error = self.given_rates(conditions);
+        let (omega, solution) = (&self.omega, &mut self.solution);
+        solution.g.fill(Arithmetic::<T>::splat(0.0));
+        solution.sizes.fill(Arithmetic::<T>::splat(0.0));
         self.frames.add_velocity_terms(
             &self.structure,
-            |k| if k == GROUND { Vec3::zero() } else { self.omega[k] },
-            &mut self.terms,
-            &mut self.sizes,
+            |k| if k == GROUND { Vec3::zero() } else { omega[k] },
+            &mut solution.g,
+            &mut solution.sizes,
         );
         if let Some(motion) = &conditions.motion {
             for l in &self.structure.loops {
                 for (i, row) in l.rows.clone().enumerate() {
-                    self.terms[row] += weight(&self.structure, l, i) * motion.acceleration[row];
+                    let term = weight(&self.structure, l, i) * motion.acceleration[row];
+                    solution.g[row] += term.to_arithmetic();
                 }
             }
         }
-        self.solution.g.copy_from_slice(T::arithmetic(&self.terms));
-        self.solution.sizes.copy_from_slice(T::arithmetic(&self.sizes));
         velocity_error
     }
     /// Angular velocities, Coriolis accelerations and bias forces.
@@ -39,8 +41,9 @@ impl<T: Real> ClosedDynamics<T> {
             let rates = &v[body.v..body.v + body.nv];
             if let Joint::Modes(i) = body.joint {
                 let omega = self.omega[body.parent];
+                let turned = Vec3(omega.0.map(T::from_arithmetic));
                 let trees = (&self.layout, &self.tree);
-                self.frames.set_flexible_velocity(&self.structure, trees, i, (q, v), omega);
+                self.frames.set_flexible_velocity(&self.structure, trees, i, (q, v), turned);
                 self.omega[k] = omega;
                 let (bias, load) = self.frames.held[i].bias();
                 self.solution.a[k] = Motion::zero();
@@ -57,23 +60,35 @@ impl<T: Real> ClosedDynamics<T> {
                     let rates = &v[flexible.v..flexible.v + flexible.nv];
                     let turned = held.motions(node).iter().zip(rates);
                     let turned = turned.fold(Vec3::zero(), |sum, (Pi, x)| sum + Pi.angular.scale(*x));
-                    inboard = held.pose(node).rotation.transpose_mul(inboard) + turned;
-                    (&self.frames.local[k], held.velocity_terms(node))
+                    inboard = transform(held.pose(node)).rotation.transpose_mul(inboard) + vector(turned);
+                    (&self.frames.local[k], motion(held.velocity_terms(node)))
                 }
             };
-            let joint = body.hinge().map_or(Motion::zero(), |hinge| hinge.expand(rates));
             let carried = pose.rotation.transpose_mul(inboard);
             let centripetal = pose.rotation.transpose_mul(inboard.cross(inboard.cross(pose.translation)));
-            let coriolis = carried.cross(joint.linear);
-            let mut a = body.hinge().map_or(Motion::zero(), |hinge| hinge.turning(rates));
-            a.angular += carried.cross(joint.angular);
-            a.linear += centripetal + coriolis + coriolis;
+            let mut a = Motion::new(Vec3::zero(), centripetal);
+            let mut omega = carried;
+            if let Some(hinge) = body.hinge() {
+                let rates = T::arithmetic(rates);
+                if let Hinge::Revolute = hinge {
+                    let ([x, y, z], rate) = (carried.0, rates[0]);
+                    a.angular = Vec3([y * rate, -x * rate, Arithmetic::<T>::splat(0.0)]);
+                    omega = Vec3([x, y, z + rate]);
+                } else {
+                    let joint = hinge.expand(rates);
+                    let coriolis = carried.cross(joint.linear);
+                    a += hinge.turning(rates);
+                    a.angular += carried.cross(joint.angular);
+                    a.linear += coriolis + coriolis;
+                    omega += joint.angular;
+                }
+            }
             if body.on.is_some() {
                 a += pose.motion_to_child(node);
             }
-            self.solution.a[k] = motion(a);
-            self.omega[k] = carried + joint.angular;
-            self.solution.z[k] = wrench(body.inertia.gyroscopic(self.omega[k]));
+            self.solution.a[k] = a;
+            self.omega[k] = omega;
+            self.solution.z[k] = RigidInertia::constant(&body.inertia).gyroscopic(omega);
         }
         for (carrier, load) in self.layout.carriers().iter().zip(wrenches.unwrap_or_default()) {
             let k = self.tree.carrier(carrier.body);

@@ -5,7 +5,7 @@
 use super::{Load, Own, Solution, appended, most_of};
 use crate::factors::{Done, Factors};
 use crate::frames::{Frames, weight};
-use crate::number::{Arithmetic, larger, size, transform};
+use crate::number::{Arithmetic, larger, size};
 use crate::structure::{LoopKind, Operation, Structure};
 use crate::tree::Tree;
 use phipsi_spatial::{Motion, Real, Scalar, Wrench};
@@ -55,7 +55,7 @@ impl<T: Real> Solution<T> {
         let (motion, term) = (frames.relative_motion(of, inner, outer), larger(a, b));
         for (i, row) in l.rows.clone().enumerate() {
             let weight = weight(structure, l, i).to_arithmetic();
-            self.g[row] -= motion.dot(frames.row(of, i)) * weight;
+            self.g[row] -= frames.along_row((of, l), i, &motion) * weight;
             self.note(row, term);
         }
     }
@@ -168,7 +168,7 @@ impl<T: Real> Solution<T> {
         }
         let a_size = larger(most_of(a.angular) * Arithmetic::<T>::splat(structure.length), most_of(a.linear));
         for passing in &station.passes {
-            let along = transform(&frames.along[passing.place]);
+            let along = &frames.along[passing.place];
             let (sum, size) = &mut self.carried[passing.strand];
             *sum += along.motion_to_child(a);
             *size = larger(*size, a_size);
