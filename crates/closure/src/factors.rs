@@ -290,7 +290,9 @@ impl<T: Real> Factors<T> {
         panel.sort_rows(0, 0..m);
         let (rank, dropped) = panel.eliminate(0, 0..m, tolerance, m);
         let left = rows - rank;
-        let (steps, left) = if left > others {
+        let (steps, left) = if others == 0 {
+            (rank, 0)
+        } else if left > others {
             panel.sort_rows(rank, m..m + others);
             let (steps, _) = panel.eliminate(rank, m..m + others, 0.0, others);
             (steps, steps - rank)
@@ -309,14 +311,10 @@ impl<T: Real> Factors<T> {
                 self.inertia[k].add_outer(x, Arithmetic::<T>::splat(1.0));
             }
             // C_o += W'_o* X₁ for the loops that stay open here.
-            for passing in structure.stations.get(k).map_or(&[][..], |s| &s.passes[..]) {
-                let Some((_, first)) = operation.other_loops.iter().find(|(o, _)| *o == passing.of) else {
-                    continue;
-                };
-                let strand = structure.strands[passing.strand];
-                for i in 0..structure.loops[passing.of].rows.len() {
-                    let w = self.matrix[operation.number + t * width + m + first + i];
-                    let c = &mut self.c[strand.first + i];
+            for &(first, column, rows) in &operation.held {
+                for i in 0..rows {
+                    let w = self.matrix[operation.number + t * width + m + column + i];
+                    let c = &mut self.c[first + i];
                     *c = x.scale_add(w, *c);
                 }
             }

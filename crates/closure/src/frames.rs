@@ -269,13 +269,7 @@ impl<T: Real> Frames<T> {
     }
     /// The same, inside a kernel.
     #[inline(always)]
-    pub(crate) fn turn(
-        &mut self,
-        structure: &Structure<T>,
-        tree: &Tree<T>,
-        v: &[T],
-        rates: &mut [T],
-    ) {
+    pub(crate) fn turn(&mut self, structure: &Structure<T>, tree: &Tree<T>, v: &[T], rates: &mut [T]) {
         for (of, l) in structure.loops.iter().enumerate() {
             match &l.kind {
                 LoopKind::Frames { .. } => {

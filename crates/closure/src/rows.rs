@@ -88,9 +88,7 @@ impl<T: Scalar> Relative<T> {
     #[inline(always)]
     pub(crate) fn own_row(&self, kind: ClosureKind) -> Wrench<T> {
         match kind {
-            ClosureKind::Universal => {
-                Wrench::new(self.rotation.column(1).cross(Vec3::unit(0)), Vec3::zero())
-            }
+            ClosureKind::Universal => Wrench::new(self.rotation.column(1).cross(Vec3::unit(0)), Vec3::zero()),
             ClosureKind::Distance { .. } => Wrench::new(Vec3::zero(), self.line()),
             _ => Wrench::zero(),
         }

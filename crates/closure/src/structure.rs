@@ -129,6 +129,8 @@ pub(crate) struct Operation {
     pub(crate) others: usize,
     /// The loops of the other columns, with the first column of each.
     pub(crate) other_loops: Vec<(usize, usize)>,
+    /// Of these, the strands that stay open at the body: first row of C, first column, number of rows.
+    pub(crate) held: Vec<(usize, usize, usize)>,
     /// The block that remains.
     pub(crate) output: Option<usize>,
     /// Rows are appended to the only block that it takes, or begin one: there is no matrix.

@@ -17,9 +17,7 @@ use crate::link::{Link, each_shape};
 use phipsi_model::joint::rotation_from_z;
 use phipsi_model::{JointKind, Model};
 use phipsi_spatial::six_lanes::{RigidEntries, rigid_entries};
-use phipsi_spatial::{
-    ArticulatedInertia, Mat3, Real, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench,
-};
+use phipsi_spatial::{ArticulatedInertia, Mat3, Real, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench};
 
 mod arrange;
 mod branches;

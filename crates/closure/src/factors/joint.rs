@@ -48,7 +48,9 @@ impl<T: Real> Factors<T> {
             Joint::Hinge(hinge) => {
                 // Common kinds in copies of their own, in which they are constants.
                 let passed = match hinge {
-                    Hinge::Revolute => self.eliminate_axes(structure, body, &Hinge::Revolute, k, &mut P, first),
+                    Hinge::Revolute => {
+                        self.eliminate_axes(structure, body, &Hinge::Revolute, k, &mut P, first)
+                    }
                     Hinge::Prismatic => {
                         self.eliminate_axes(structure, body, &Hinge::Prismatic, k, &mut P, first)
                     }
@@ -114,8 +116,9 @@ impl<T: Real> Factors<T> {
             if !D.is_positive() {
                 return Err((i, D.min_lane()));
             }
-            let root = D.sqrt();
-            let inverse = root.recip();
+            // One after the other they would take twice as long.
+            let (root, reciprocal) = (D.sqrt(), D.recip());
+            let inverse = root * reciprocal;
             let xi = column.scale(inverse);
             if hinge.nv() > 1 {
                 P.subtract_outer(xi, xi);

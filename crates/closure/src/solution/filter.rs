@@ -8,6 +8,7 @@ use crate::frames::{Frames, weight};
 use crate::number::{Arithmetic, larger, size};
 use crate::structure::{LoopKind, Operation, Structure};
 use crate::tree::Tree;
+use phipsi_recursion::hinge::Hinge;
 use phipsi_spatial::{Motion, Real, Scalar, Wrench};
 
 impl<T: Real> Solution<T> {
@@ -146,17 +147,19 @@ impl<T: Real> Solution<T> {
         let (body, station) = (&tree.bodies[k], &structure.stations[k]);
         let o = Arithmetic::<T>::splat(0.0);
         let hinge = body.hinge();
-        let prescribed = |i: usize| load.prescribed.map_or(o, |a| a[body.v + i]);
-        let is_active = |i: usize| factors.roots[body.v + i] == o;
-        for i in (0..body.nv).filter(|&i| is_active(i)) {
-            if let Some(hinge) = hinge {
-                hinge.add_axis(i, prescribed(i), &mut self.a[k]);
-            }
-            for entry in station.entries.iter().filter(|e| e.component == i) {
-                let l = &structure.loops[entry.of];
-                let term = (entry.coefficient * weight(structure, l, 0)).to_arithmetic() * prescribed(i);
-                self.g[l.rows.start] -= term;
-                self.note(l.rows.start, term);
+        if let Some(prescribed) = load.prescribed {
+            for i in (0..body.nv).filter(|&i| factors.roots[body.v + i] == o) {
+                let acceleration = prescribed[body.v + i];
+                if let Some(hinge) = hinge {
+                    hinge.add_axis(i, acceleration, &mut self.a[k]);
+                }
+                for entry in station.entries.iter().filter(|e| e.component == i) {
+                    let l = &structure.loops[entry.of];
+                    let coefficient = (entry.coefficient * weight(structure, l, 0)).to_arithmetic();
+                    let term = coefficient * acceleration;
+                    self.g[l.rows.start] -= term;
+                    self.note(l.rows.start, term);
+                }
             }
         }
         let a = self.a[k];
@@ -173,28 +176,52 @@ impl<T: Real> Solution<T> {
             *sum += along.motion_to_child(a);
             *size = larger(*size, a_size);
         }
-        self.z[k] += factors.inertia[k].times(a);
         let joined = station.join.map(|index| &structure.operations[index]);
         let own = self.enter(structure, factors, joined);
-        let mut passed = 0;
-        for i in 0..body.nv {
-            let Some(hinge) = hinge.filter(|_| !is_active(i)) else { continue };
-            let tau = load.tau.map_or(o, |tau| tau[body.v + i]);
-            let s = (tau - hinge.project(i, &self.z[k])) * factors.inverses[body.v + i];
-            self.z[k] = factors.xi[body.v + i].scale_add(s, self.z[k]);
-            self.s[body.v + i] = s;
-            self.set_residual(own, passed, -s);
-            passed += 1;
-        }
-        if passed == 6 {
-            // A free joint hands on its own force exactly, whatever the size of z.
-            self.z[k] = load.tau.map_or(Wrench::zero(), |tau| {
-                let t = &tau[body.v..body.v + 6];
-                Wrench::from_array([t[0], t[1], t[2], t[3], t[4], t[5]])
-            });
-        }
+        let z = self.z[k] + factors.inertia[k].times(a);
+        // Common kinds in copies of their own, in which they are constants.
+        self.z[k] = match hinge {
+            Some(Hinge::Revolute) => self.innovate(factors, load, body.v, &Hinge::Revolute, own, z),
+            Some(Hinge::Prismatic) => self.innovate(factors, load, body.v, &Hinge::Prismatic, own, z),
+            Some(hinge) => self.innovate(factors, load, body.v, hinge, own, z),
+            None => z,
+        };
         if let Some(index) = station.join.filter(|&index| !structure.operations[index].in_place) {
             self.turn(structure, factors, &structure.operations[index], &factors.done[index]);
         }
+    }
+    /// s and ζ of the passive axes of a joint whose degrees of freedom begin at `first`; returns what it hands on of z.
+    #[inline(always)]
+    fn innovate(
+        &mut self,
+        factors: &Factors<T>,
+        load: &Load<'_, Arithmetic<T>>,
+        first: usize,
+        hinge: &Hinge<T>,
+        own: Own,
+        mut z: Wrench<Arithmetic<T>>,
+    ) -> Wrench<Arithmetic<T>> {
+        let o = Arithmetic::<T>::splat(0.0);
+        let mut passed = 0;
+        for i in 0..hinge.nv() {
+            let at = first + i;
+            if factors.roots[at] == o {
+                continue;
+            }
+            let tau = load.tau.map_or(o, |tau| tau[at]);
+            let s = (tau - hinge.project(i, &z)) * factors.inverses[at];
+            z = factors.xi[at].scale_add(s, z);
+            self.s[at] = s;
+            self.set_residual(own, passed, -s);
+            passed += 1;
+        }
+        if passed < 6 {
+            return z;
+        }
+        // A free joint hands on its own force exactly, whatever the size of z.
+        load.tau.map_or(Wrench::zero(), |tau| {
+            let t = &tau[first..first + 6];
+            Wrench::from_array([t[0], t[1], t[2], t[3], t[4], t[5]])
+        })
     }
 }

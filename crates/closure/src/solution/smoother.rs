@@ -7,6 +7,7 @@ use crate::factors::{Done, Factors};
 use crate::number::{Arithmetic, larger, size};
 use crate::structure::{Operation, Structure};
 use crate::tree::Tree;
+use phipsi_recursion::hinge::Hinge;
 use phipsi_spatial::{Motion, Real, Scalar};
 
 impl<T: Real> Solution<T> {
@@ -65,12 +66,39 @@ impl<T: Real> Solution<T> {
         out: &mut [Arithmetic<T>],
     ) {
         let body = &tree.bodies[k];
-        let o = Arithmetic::<T>::splat(0.0);
         let own = self.part(structure, factors, k);
-        let nv = body.nv;
-        let mut passed = (0..nv).filter(|&i| factors.roots[body.v + i] != o).count();
-        for i in (0..nv).rev() {
-            let at = body.v + i;
+        match body.hinge() {
+            Some(Hinge::Revolute) => {
+                self.accelerate(factors, load, body.v, &Hinge::Revolute, own, &mut alpha, out);
+            }
+            Some(Hinge::Prismatic) => {
+                self.accelerate(factors, load, body.v, &Hinge::Prismatic, own, &mut alpha, out);
+            }
+            Some(hinge) => self.accelerate(factors, load, body.v, hinge, own, &mut alpha, out),
+            None => {}
+        }
+        self.alpha[k] = alpha + self.a[k];
+    }
+    /// Accelerations of a joint whose degrees of freedom begin at `first`, added to that of its inboard side.
+    #[allow(clippy::too_many_arguments)]
+    #[inline(always)]
+    fn accelerate(
+        &self,
+        factors: &Factors<T>,
+        load: &Load<'_, Arithmetic<T>>,
+        first: usize,
+        hinge: &Hinge<T>,
+        own: Own,
+        alpha: &mut Motion<Arithmetic<T>>,
+        out: &mut [Arithmetic<T>],
+    ) {
+        let o = Arithmetic::<T>::splat(0.0);
+        let dofs = first..first + hinge.nv();
+        let mut passed = 0;
+        for at in dofs.clone() {
+            passed += usize::from(factors.roots[at] != o);
+        }
+        for at in dofs.rev() {
             if factors.roots[at] == o {
                 out[at] = load.prescribed.map_or(o, |a| a[at]);
                 continue;
@@ -78,11 +106,8 @@ impl<T: Real> Solution<T> {
             passed -= 1;
             out[at] =
                 (self.residual(own, passed) - alpha.dot(factors.xi[at]) + self.s[at]) * factors.inverses[at];
-            if let Some(hinge) = body.hinge() {
-                hinge.add_axis(i, out[at], &mut alpha);
-            }
+            hinge.add_axis(at - first, out[at], alpha);
         }
-        self.alpha[k] = alpha + self.a[k];
     }
     /// Residuals and multipliers of a loop that was closed at a body with acceleration `alpha`.
     #[inline(always)]

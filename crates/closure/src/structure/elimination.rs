@@ -112,6 +112,17 @@ impl<T: Real> Structure<T> {
             }
         }
         self.stations[k].closes = first..self.operations.len();
+        for operation in &mut self.operations[first..] {
+            operation.held = self.stations[k]
+                .passes
+                .iter()
+                .filter_map(|passing| {
+                    let (of, column) = operation.other_loops.iter().find(|(o, _)| *o == passing.of)?;
+                    let first = self.strands[passing.strand].first;
+                    Some((first, *column, self.loops[*of].rows.len()))
+                })
+                .collect();
+        }
         self.stations[k].waiting = alive;
     }
     /// The columns of other loops in these blocks, in order, and their number.
@@ -192,6 +203,7 @@ impl<T: Real> Structure<T> {
             closing,
             others,
             other_loops,
+            held: Vec::new(),
             output,
             in_place,
             most,
