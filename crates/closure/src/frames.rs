@@ -439,3 +439,32 @@ fn straightened<S: Scalar>(R: &Mat3<S>) -> Mat3<S> {
 pub(crate) fn weight<T: Real>(structure: &Structure<T>, l: &Loop<T>, i: usize) -> T {
     if i < l.angular { T::splat(structure.length) } else { T::one() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use phipsi_model::Random;
+    use phipsi_spatial::Quaternion;
+
+    /// A rotation with errors of 1e-6 is one to rounding afterwards, but for their square, and has turned no further.
+    #[test]
+    fn straightening_squares_the_error() {
+        let mut random = Random::new(5);
+        for _ in 0..50 {
+            let exact = Quaternion(random.quaternion()).to_rotation();
+            let error = 1e-6;
+            let R: Mat3<f64> = Mat3(exact.0.map(|row| row.map(|x| x + error * random.signed())));
+            let straight = straightened(&R);
+            let (square, moved) = (straight.transpose() * straight, straight.transpose() * exact);
+            for i in 0..3 {
+                for j in 0..3 {
+                    let one = f64::from(u8::from(i == j));
+                    // R*R differs from one by 2·3e at most, and by three quarters of the square of that afterwards.
+                    let bound = 27.0 * error * error + 16.0 * f64::EPSILON;
+                    assert!((square.0[i][j] - one).abs() <= bound, "{:e}", square.0[i][j] - one);
+                    assert!((moved.0[i][j] - one).abs() <= 6.0 * error);
+                }
+            }
+        }
+    }
+}
