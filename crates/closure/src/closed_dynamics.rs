@@ -11,17 +11,22 @@
 //! the passive ones. Steps and symbols of the sweeps are in `factors.rs` and `solution.rs`.
 
 use crate::error::{ClosureError, check_length};
-use crate::factors::{Factors, Redundant, Regard};
-use crate::frames::{Frames, weight};
-use crate::number::{Arithmetic, motion, wrench};
+use crate::factors::{Factors, Regard};
+use crate::frames::Frames;
+use crate::number::Arithmetic;
 use crate::solution::{Inconsistency, Load, Solution};
 use crate::structure::{LoopKind, Structure};
-use crate::tree::{Joint, Tree};
+use crate::tree::Tree;
+use motion::Rates;
 use phipsi_model::Model;
-use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{InverseDynamics, Layout};
-use phipsi_spatial::{Kernel, Motion, Real, Scalar, Transform, Vec3, Wrench};
+use phipsi_spatial::{Real, Scalar, Vec3, Wrench};
 use std::ops::Range;
+
+mod motion;
+mod solved;
+
+pub use solved::Solved;
 
 /// Positions, velocities and accelerations that closures are given at this instant: one number per row, rad and m.
 ///
@@ -154,12 +159,9 @@ pub struct ClosedDynamics<T: Real> {
     pub(crate) origin: Vec<T>,
     /// The model without its loops.
     pub(crate) model: Model,
-    omega: Vec<Vec3<T>>,
+    omega: Vec<Vec3<Arithmetic<T>>>,
     inverse: InverseDynamics<T>,
     work: Vec<T>,
-    /// Right-hand sides of the rows, and the size of their terms.
-    pub(crate) terms: Vec<T>,
-    sizes: Vec<T>,
 }
 
 impl<T: Real> ClosedDynamics<T> {
@@ -183,8 +185,6 @@ impl<T: Real> ClosedDynamics<T> {
             omega: vec![Vec3::zero(); tree.len()],
             inverse: InverseDynamics::new(&layout),
             work: vec![T::zero(); layout.nv()],
-            terms: vec![T::zero(); structure.rows],
-            sizes: vec![T::zero(); structure.rows],
             layout,
             tree,
             structure,
@@ -293,9 +293,13 @@ impl<T: Real> ClosedDynamics<T> {
         Ok(())
     }
     /// Sets Jv − γ̇; returns the largest.
-    #[inline(always)]
     pub(crate) fn set_rates(&mut self, v: &[T], conditions: &Conditions<'_, T>) -> f64 {
         self.frames.set_velocity(&self.structure, &self.tree, v, &mut self.rates);
+        self.given_rates(conditions)
+    }
+    /// Takes the rates that the closures are given from Jv; returns the largest that is left.
+    #[inline(always)]
+    fn given_rates(&mut self, conditions: &Conditions<'_, T>) -> f64 {
         if let Some(motion) = &conditions.motion {
             for (rate, gamma) in self.rates.iter_mut().zip(motion.velocity) {
                 *rate -= *gamma;
@@ -309,91 +313,6 @@ impl<T: Real> ClosedDynamics<T> {
         match (self.model.joint_nv()..self.layout.nv()).find(|&i| active[i]) {
             Some(i) => Err(ClosureError::PrescribedMode { mode: self.layout.joint_of_velocity(i).0.into() }),
             None => Ok(()),
-        }
-    }
-    /// Everything that velocities and wrenches give; returns the largest residual of the rates.
-    #[inline(always)]
-    fn set_motion(&mut self, (q, v): (&[T], &[T]), conditions: &Conditions<'_, T>) -> f64 {
-        self.set_bias(q, v, conditions.wrenches);
-        let velocity_error = self.set_rates(v, conditions);
-        self.terms.fill(T::zero());
-        self.sizes.fill(T::zero());
-        self.frames.add_velocity_terms(
-            &self.structure,
-            |k| if k == GROUND { Vec3::zero() } else { self.omega[k] },
-            &mut self.terms,
-            &mut self.sizes,
-        );
-        if let Some(motion) = &conditions.motion {
-            for l in &self.structure.loops {
-                for (i, row) in l.rows.clone().enumerate() {
-                    self.terms[row] += weight(&self.structure, l, i) * motion.acceleration[row];
-                }
-            }
-        }
-        self.solution.g.copy_from_slice(T::arithmetic(&self.terms));
-        self.solution.sizes.copy_from_slice(T::arithmetic(&self.sizes));
-        velocity_error
-    }
-    /// Angular velocities, Coriolis accelerations and bias forces.
-    #[inline(always)]
-    fn set_bias(&mut self, q: &[T], v: &[T], wrenches: Option<&[Wrench<T>]>) {
-        for (k, body) in self.tree.bodies.iter().enumerate() {
-            let rates = &v[body.v..body.v + body.nv];
-            if let Joint::Modes(i) = body.joint {
-                let omega = self.omega[body.parent];
-                let trees = (&self.layout, &self.tree);
-                self.frames.set_flexible_velocity(&self.structure, trees, i, (q, v), omega);
-                self.omega[k] = omega;
-                let (bias, load) = self.frames.held[i].bias();
-                self.solution.a[k] = Motion::zero();
-                self.solution.z[k] = wrench(load);
-                self.solution.z_modes[body.v - self.model.joint_nv()..][..body.nv]
-                    .copy_from_slice(T::arithmetic(bias));
-                continue;
-            }
-            let mut inboard = if body.parent == GROUND { Vec3::zero() } else { self.omega[body.parent] };
-            let (pose, node) = match body.on {
-                None => (&self.frames.poses[k], Motion::zero()),
-                Some((i, node)) => {
-                    let (held, flexible) = (&self.frames.held[i], &self.tree.bodies[body.parent]);
-                    let rates = &v[flexible.v..flexible.v + flexible.nv];
-                    let turned = held.motions(node).iter().zip(rates);
-                    let turned = turned.fold(Vec3::zero(), |sum, (Pi, x)| sum + Pi.angular.scale(*x));
-                    inboard = held.pose(node).rotation.transpose_mul(inboard) + turned;
-                    (&self.frames.local[k], held.velocity_terms(node))
-                }
-            };
-            let joint = body.hinge().map_or(Motion::zero(), |hinge| hinge.expand(rates));
-            let carried = pose.rotation.transpose_mul(inboard);
-            let centripetal = pose.rotation.transpose_mul(inboard.cross(inboard.cross(pose.translation)));
-            let coriolis = carried.cross(joint.linear);
-            let mut a = body.hinge().map_or(Motion::zero(), |hinge| hinge.turning(rates));
-            a.angular += carried.cross(joint.angular);
-            a.linear += centripetal + coriolis + coriolis;
-            if body.on.is_some() {
-                a += pose.motion_to_child(node);
-            }
-            self.solution.a[k] = motion(a);
-            self.omega[k] = carried + joint.angular;
-            self.solution.z[k] = wrench(body.inertia.gyroscopic(self.omega[k]));
-        }
-        for (carrier, load) in self.layout.carriers().iter().zip(wrenches.unwrap_or_default()) {
-            let k = self.tree.carrier(carrier.body);
-            if k == GROUND {
-                continue;
-            }
-            let pose: &Transform<T> = &carrier.pose;
-            let mut load = pose.wrench_to_parent(*load);
-            if let Some(i) = self.tree.modes(k) {
-                // At F.
-                let (held, first) = (&self.frames.held[i], self.tree.bodies[k].v - self.model.joint_nv());
-                for (z, Pi) in self.solution.z_modes[first..].iter_mut().zip(held.motions(None)) {
-                    *z -= Pi.dot(load).to_arithmetic();
-                }
-                load = held.pose(None).wrench_to_parent(load);
-            }
-            self.solution.z[k] -= wrench(load);
         }
     }
     fn info(&self, velocity_error: f64) -> ClosedInfo {
@@ -435,90 +354,7 @@ impl<T: Real> ClosedDynamics<T> {
     }
 }
 
-struct Rates<'a, 'b, T: Real> {
-    dynamics: &'a mut ClosedDynamics<T>,
-    /// q and v.
-    state: (&'a [T], &'a [T]),
-    conditions: &'a Conditions<'b, T>,
-}
-
-impl<T: Real> Kernel for Rates<'_, '_, T> {
-    type Output = f64;
-    #[inline(always)]
-    fn run(self) -> f64 {
-        self.dynamics.set_motion(self.state, self.conditions)
-    }
-}
-
 /// The largest number.
 pub(crate) fn largest<T: Real>(x: &[T]) -> f64 {
     x.iter().fold(0.0f64, |most, x| most.max(x.abs().to_f64()))
-}
-
-/// A solved state; it borrows the workspace, so that what it gives belongs to that state.
-#[derive(Debug)]
-pub struct Solved<'a, T: Real> {
-    dynamics: &'a mut ClosedDynamics<T>,
-    info: ClosedInfo,
-}
-
-impl<T: Real> Solved<'_, T> {
-    /// How good it is.
-    pub fn info(&self) -> ClosedInfo {
-        self.info
-    }
-    /// Rows that were found to be implied by others.
-    pub fn redundant(&self) -> &[Redundant] {
-        &self.dynamics.factors.redundant
-    }
-    /// Multipliers: the force of each closure on the body of its frame B, in the axes of frame A, at the origin of B; its rows in
-    /// the order of the kind, N·m of angular ones and N. Of least norm, moments counted divided by [`ClosedDynamics::length`],
-    /// where rows are redundant. `out`: rows.
-    ///
-    /// With redundant rows only their sum is determined, and single ones may be large near singular positions; the
-    /// [generalised force](Self::generalized_constraint_force) is unique.
-    ///
-    /// # Errors
-    /// [`ClosureError::Dynamics`] for a wrong length.
-    pub fn closure_forces(&mut self, out: &mut [T]) -> Result<(), ClosureError> {
-        check_length("out", out, self.dynamics.rows())?;
-        let ClosedDynamics { structure, factors, solution, .. } = &mut *self.dynamics;
-        solution.least_norm(structure, factors);
-        solution.multipliers(structure, out);
-        Ok(())
-    }
-    /// J*λ: the generalised force of all closures. `out`: nv.
-    ///
-    /// # Errors
-    /// [`ClosureError::Dynamics`] for a wrong length.
-    pub fn generalized_constraint_force(&self, out: &mut [T]) -> Result<(), ClosureError> {
-        let ClosedDynamics { structure, layout, tree, frames, solution, .. } = &*self.dynamics;
-        check_length("out", out, layout.nv())?;
-        solution.constraint_force(structure, tree, frames, out);
-        Ok(())
-    }
-    /// The generalised forces with what the prescribed degrees of freedom need for their accelerations. Arguments as those of the
-    /// run, with the accelerations that it gave; `out`: nv, `tau` where nothing is prescribed.
-    ///
-    /// # Errors
-    /// [`ClosureError::Dynamics`] for a wrong length.
-    pub fn generalized_forces(
-        &mut self,
-        q: &[T],
-        v: &[T],
-        tau: &[T],
-        acceleration: &[T],
-        wrenches: Option<&[Wrench<T>]>,
-        out: &mut [T],
-    ) -> Result<(), ClosureError> {
-        check_length("tau", tau, self.dynamics.layout.nv())?;
-        let ClosedDynamics { structure, layout, tree, frames, factors, solution, inverse, work, .. } =
-            &mut *self.dynamics;
-        inverse.run(layout, q, v, acceleration, wrenches, out)?;
-        solution.constraint_force(structure, tree, frames, work);
-        for i in 0..tau.len() {
-            out[i] = if factors.is_passive(i) { tau[i] } else { out[i] - work[i] };
-        }
-        Ok(())
-    }
 }

@@ -19,11 +19,10 @@
 //! body (`modes.rs`).
 
 use crate::frames::Frames;
-use crate::number::{Arithmetic, larger, size, transform, wrench};
+use crate::number::{Arithmetic, larger, size};
 use crate::reflections::{Panel, Record};
 use crate::structure::{Operation, Structure};
 use crate::tree::{Joint, Tree};
-use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{DynamicsError, Layout};
 use phipsi_spatial::{ArticulatedInertia, Kernel, Real, RigidInertia, Scalar, Wrench};
 use std::ops::Range;
@@ -201,14 +200,13 @@ impl<T: Real> Factors<T> {
             if k == ground {
                 break;
             }
-            let P = self.join(structure, (layout, tree), frames, k)?;
+            let moved = self.join(structure, (layout, tree), frames, k)?;
             let body = &tree.bodies[k];
             self.shift(structure, frames, k, body.v..body.v + body.nv);
-            if body.parent != GROUND {
-                let shifted = transform(&frames.poses[k]).articulated_to_parent(&P);
-                self.inertia[body.parent] = self.inertia[body.parent] + shifted;
+            if let Some(moved) = moved {
+                self.inertia[body.parent] = self.inertia[body.parent] + moved;
                 if let (Some((i, _)), Some(first)) = (body.on, structure.attached[k]) {
-                    self.modes[i].add(&frames.screws[first..], &shifted);
+                    self.modes[i].add(&frames.screws[first..], &moved);
                 }
             }
         }
@@ -221,7 +219,7 @@ impl<T: Real> Factors<T> {
             let strand = structure.strands[s];
             let side = usize::from(structure.loops[strand.of].strands[1] == Some(s));
             for i in 0..structure.loops[strand.of].rows.len() {
-                self.c[strand.first + i] = wrench(frames.strand_row(structure, strand.of, side, i));
+                self.c[strand.first + i] = frames.strand_row(structure, strand.of, side, i);
             }
         }
     }
@@ -292,7 +290,9 @@ impl<T: Real> Factors<T> {
         panel.sort_rows(0, 0..m);
         let (rank, dropped) = panel.eliminate(0, 0..m, tolerance, m);
         let left = rows - rank;
-        let (steps, left) = if left > others {
+        let (steps, left) = if others == 0 {
+            (rank, 0)
+        } else if left > others {
             panel.sort_rows(rank, m..m + others);
             let (steps, _) = panel.eliminate(rank, m..m + others, 0.0, others);
             (steps, steps - rank)
@@ -311,14 +311,10 @@ impl<T: Real> Factors<T> {
                 self.inertia[k].add_outer(x, Arithmetic::<T>::splat(1.0));
             }
             // C_o += W'_o* X₁ for the loops that stay open here.
-            for passing in structure.stations.get(k).map_or(&[][..], |s| &s.passes[..]) {
-                let Some((_, first)) = operation.other_loops.iter().find(|(o, _)| *o == passing.of) else {
-                    continue;
-                };
-                let strand = structure.strands[passing.strand];
-                for i in 0..structure.loops[passing.of].rows.len() {
-                    let w = self.matrix[operation.number + t * width + m + first + i];
-                    let c = &mut self.c[strand.first + i];
+            for &(first, column, rows) in &operation.held {
+                for i in 0..rows {
+                    let w = self.matrix[operation.number + t * width + m + column + i];
+                    let c = &mut self.c[first + i];
                     *c = x.scale_add(w, *c);
                 }
             }
@@ -379,7 +375,7 @@ impl<T: Real> Factors<T> {
     /// Moves what leaves a body to its parent's frame.
     #[inline(always)]
     fn shift(&mut self, structure: &Structure<T>, frames: &Frames<T>, k: usize, dofs: Range<usize>) {
-        let (station, pose) = (&structure.stations[k], &transform(&frames.poses[k]));
+        let (station, pose) = (&structure.stations[k], &frames.poses[k]);
         for passing in station.passes.iter().filter(|p| !p.last) {
             let strand = structure.strands[passing.strand];
             let m = structure.loops[passing.of].rows.len();

@@ -17,8 +17,9 @@ pub(crate) fn larger<S: Scalar>(a: S, b: S) -> S {
     if a.min_lane() > b.min_lane() { a } else { b }
 }
 
+/// A vector to compute with.
 #[inline(always)]
-fn vector<T: Real>(x: Vec3<T>) -> Vec3<Arithmetic<T>> {
+pub(crate) fn vector<T: Real>(x: Vec3<T>) -> Vec3<Arithmetic<T>> {
     let [a, b, c] = x.0;
     Vec3([a.to_arithmetic(), b.to_arithmetic(), c.to_arithmetic()])
 }
@@ -41,4 +42,17 @@ pub(crate) fn wrench<T: Real>(x: Wrench<T>) -> Wrench<Arithmetic<T>> {
 #[inline(always)]
 pub(crate) fn motion<T: Real>(x: Motion<T>) -> Motion<Arithmetic<T>> {
     Motion::new(vector(x.angular), vector(x.linear))
+}
+
+/// A vector that was computed.
+#[inline(always)]
+fn plain_vector<T: Real>(x: Vec3<Arithmetic<T>>) -> Vec3<T> {
+    Vec3(x.0.map(T::from_arithmetic))
+}
+
+/// A pose that was computed.
+#[inline(always)]
+pub(crate) fn plain<T: Real>(x: &Transform<Arithmetic<T>>) -> Transform<T> {
+    let rows = x.rotation.0.map(|row| plain_vector::<T>(Vec3(row)).0);
+    Transform::new(Mat3(rows), plain_vector(x.translation))
 }

@@ -13,7 +13,7 @@ use crate::closed_dynamics::{ClosedDynamics, Conditions};
 use crate::error::{ClosureError, check_length};
 use crate::factors::{Factors, Regard};
 use crate::frames::Frames;
-use crate::number::{Arithmetic, transform};
+use crate::number::Arithmetic;
 use crate::solution::Load;
 use crate::structure::Structure;
 use phipsi_model::Model;
@@ -117,7 +117,7 @@ impl<T: Real> Projection<T> {
                 self.z[k] = self.open.xi[at].scale_add(u, self.z[k]);
             }
             if body.parent != GROUND {
-                let z = transform(&self.still.poses[k]).wrench_to_parent(self.z[k]);
+                let z = self.still.poses[k].wrench_to_parent(self.z[k]);
                 self.z[body.parent] += z;
             }
         }
@@ -128,7 +128,7 @@ impl<T: Real> Projection<T> {
         for (k, body) in self.closed.tree.bodies.iter().enumerate() {
             let mut velocity = match body.parent {
                 GROUND => Motion::zero(),
-                parent => transform(&self.still.poses[k]).motion_to_child(self.velocity[parent]),
+                parent => self.still.poses[k].motion_to_child(self.velocity[parent]),
             };
             let Some(hinge) = body.hinge() else { continue };
             for i in (0..body.nv).rev() {

@@ -72,14 +72,32 @@ impl<T: Scalar> Panel<'_, T> {
         tolerance: f64,
         most: usize,
     ) -> (usize, f64) {
+        // The width of one loop alone, in a copy whose rows are registers.
+        match self.width {
+            12 => self.eliminate_known::<12>(first, columns, tolerance, most),
+            _ => self.eliminate_known::<0>(first, columns, tolerance, most),
+        }
+    }
+    /// The same for rows of W numbers; of any number with W = 0.
+    #[inline(always)]
+    fn eliminate_known<const W: usize>(
+        &mut self,
+        first: usize,
+        columns: core::ops::Range<usize>,
+        tolerance: f64,
+        most: usize,
+    ) -> (usize, f64) {
+        let width = if W == 0 { self.width } else { W };
+        // The groups that the columns are in.
+        let groups = columns.start / GROUP * GROUP..columns.end.next_multiple_of(GROUP);
         let mut t = first;
         loop {
             let mut best = (usize::MAX, T::zero());
             // Columns of earlier steps are zero here.
-            let width = self.width;
-            self.sums[..width].fill(T::zero());
+            let sums = &mut self.sums[groups.clone()];
+            sums.fill(T::zero());
             for row in self.a[t.min(self.rows) * width..self.rows * width].chunks_exact(width) {
-                add_squares(&mut self.sums[..width], row);
+                add_squares(sums, &row[groups.clone()]);
             }
             for c in columns.clone() {
                 if best.0 == usize::MAX || self.sums[c].min_lane() > best.1.min_lane() {
@@ -94,7 +112,7 @@ impl<T: Scalar> Panel<'_, T> {
                 return (t, best.1.min_lane());
             }
             self.pivots[t] = best.0;
-            self.beta[t] = self.reflect(t, best.0, best.1);
+            self.beta[t] = self.reflect::<W>(t, best.0, best.1);
             t += 1;
         }
     }
@@ -112,8 +130,8 @@ impl<T: Scalar> Panel<'_, T> {
     }
     /// One reflection, of the rows from t on, that leaves in column `pivot` one number of size `length`.
     #[inline(always)]
-    fn reflect(&mut self, t: usize, pivot: usize, length: T) -> T {
-        let (width, rows) = (self.width, self.rows);
+    fn reflect<const W: usize>(&mut self, t: usize, pivot: usize, length: T) -> T {
+        let (width, rows) = (if W == 0 { self.width } else { W }, self.rows);
         let head = self.a[t * width + pivot];
         let left = if head.min_lane() < 0.0 { length } else { -length };
         let scale = (head - left).recip();

@@ -12,7 +12,7 @@
 //! and the relative twist enter g; the common velocity of the two bodies costs no digits.
 
 use phipsi_model::ClosureKind;
-use phipsi_spatial::{Mat3, Motion, Quaternion, Real, Vec3, Wrench};
+use phipsi_spatial::{Mat3, Motion, Quaternion, Real, Scalar, Vec3, Wrench};
 
 /// Most rows of a closure.
 pub(crate) const MOST_ROWS: usize = 6;
@@ -28,11 +28,23 @@ pub(crate) struct Relative<T> {
     pub(crate) twist: Motion<T>,
 }
 
-impl<T: Real> Relative<T> {
-    /// Both frames at rest in the same place.
-    pub(crate) fn at_rest() -> Self {
-        Relative { rotation: Mat3::identity(), offset: Vec3::zero(), twist: Motion::zero() }
+/// In place of an axis: the row has a direction of its own.
+pub(crate) const OWN: usize = 6;
+
+/// What the rows of a kind of closure are along: components of the twist, or [`OWN`]; unused ones beyond its number of rows.
+pub(crate) fn axes(kind: ClosureKind) -> [usize; MOST_ROWS] {
+    match kind {
+        ClosureKind::Weld | ClosureKind::Prismatic => [0, 1, 2, 3, 4, 5],
+        ClosureKind::Revolute | ClosureKind::Cylindrical => [0, 1, 3, 4, 5, OWN],
+        ClosureKind::Planar => [0, 1, 5, OWN, OWN, OWN],
+        ClosureKind::Universal => [OWN, 3, 4, 5, OWN, OWN],
+        ClosureKind::Distance { .. } => [OWN; MOST_ROWS],
+        ClosureKind::PointOnPlane => [5, OWN, OWN, OWN, OWN, OWN],
+        _ => [3, 4, 5, OWN, OWN, OWN],
     }
+}
+
+impl<T: Real> Relative<T> {
     /// Φ of a kind; unused entries are zero.
     pub(crate) fn residual(&self, kind: ClosureKind) -> [T; MOST_ROWS] {
         let Relative { rotation, offset, .. } = self;
@@ -65,31 +77,30 @@ impl<T: Real> Relative<T> {
             _ => [x, y, z, o, o, o],
         }
     }
-    /// S of a kind; unused rows are zero.
-    pub(crate) fn rows(&self, kind: ClosureKind) -> [Wrench<T>; MOST_ROWS] {
-        let o = Wrench::zero();
-        let e = Wrench::unit;
+}
+
+impl<T: Scalar> Relative<T> {
+    /// Both frames at rest in the same place.
+    pub(crate) fn at_rest() -> Self {
+        Relative { rotation: Mat3::identity(), offset: Vec3::zero(), twist: Motion::zero() }
+    }
+    /// The row of S that is along no axis; zero where there is none.
+    #[inline(always)]
+    pub(crate) fn own_row(&self, kind: ClosureKind) -> Wrench<T> {
         match kind {
-            ClosureKind::Weld => [e(0), e(1), e(2), e(3), e(4), e(5)],
-            ClosureKind::Prismatic => [e(0), e(1), e(2), e(3), e(4), o],
-            ClosureKind::Revolute => [e(0), e(1), e(3), e(4), e(5), o],
-            ClosureKind::Cylindrical => [e(0), e(1), e(3), e(4), o, o],
-            ClosureKind::Planar => [e(0), e(1), e(5), o, o, o],
-            ClosureKind::Universal => {
-                let normal = self.rotation.column(1).cross(Vec3::unit(0));
-                [Wrench::new(normal, Vec3::zero()), e(3), e(4), e(5), o, o]
-            }
-            ClosureKind::Distance { .. } => [Wrench::new(Vec3::zero(), self.line()), o, o, o, o, o],
-            ClosureKind::PointOnPlane => [e(5), o, o, o, o, o],
-            _ => [e(3), e(4), e(5), o, o, o],
+            ClosureKind::Universal => Wrench::new(self.rotation.column(1).cross(Vec3::unit(0)), Vec3::zero()),
+            ClosureKind::Distance { .. } => Wrench::new(Vec3::zero(), self.line()),
+            _ => Wrench::zero(),
         }
     }
     /// The direction from A to B; x where they coincide.
+    #[inline(always)]
     fn line(&self) -> Vec3<T> {
         let length = self.offset.norm();
         if length == T::zero() { Vec3::unit(0) } else { self.offset.scale(length.recip()) }
     }
     /// Ṡ (ω, ḋ) of the first angular and of the only row that turn with the frames.
+    #[inline(always)]
     pub(crate) fn turning(&self, kind: ClosureKind) -> T {
         match kind {
             ClosureKind::Universal => {
@@ -110,6 +121,7 @@ impl<T: Real> Relative<T> {
     }
     /// What the velocities add to g before S: (ω_A × ω, ω_A × (ω_A × c_a) − ω_b × (ω_b × c_b) + 2 ω_A × ḋ), where `inboard`
     /// is ω_A and c_a, c_b lead to the origin of B from the origins of the two bodies.
+    #[inline(always)]
     pub(crate) fn velocity_terms(&self, inboard: Vec3<T>, c_a: Vec3<T>, c_b: Vec3<T>) -> Motion<T> {
         let outboard = inboard + self.twist.angular;
         let coriolis = inboard.cross(self.twist.linear);
@@ -186,15 +198,19 @@ mod tests {
                 let step = 1e-8;
                 let (after, before) = (moved(step).residual(kind), moved(-step).residual(kind));
                 let residual = here.residual(kind);
-                for (i, row) in here.rows(kind).iter().enumerate().take(kind.rows()) {
+                let row_of = |relative: &Relative<Dd>, i: usize| match axes(kind)[i] {
+                    OWN => relative.own_row(kind),
+                    axis => Wrench::unit(axis),
+                };
+                for i in 0..kind.rows() {
                     assert!(residual[i].hi.abs() < 1e-25, "{kind:?} {i}: {:?}", residual[i]);
                     let rate = (after[i] - before[i]) / Dd::from_f64(2.0 * step);
-                    let error = (rate - turned.dot(*row)).hi.abs();
+                    let error = (rate - turned.dot(row_of(&here, i))).hi.abs();
                     assert!(error < 1e-13, "{kind:?} row {i}: {error:e}");
                 }
                 // Ṡ (ω, ḋ) by differences of S along the motion.
                 let there = Relative { twist: turned, ..here };
-                let (after, before) = (moved(step).rows(kind)[0], moved(-step).rows(kind)[0]);
+                let (after, before) = (row_of(&moved(step), 0), row_of(&moved(-step), 0));
                 let rate = (turned.dot(after) - turned.dot(before)) / Dd::from_f64(2.0 * step);
                 let error = (rate - there.turning(kind)).hi.abs();
                 assert!(error < 1e-12, "{kind:?}: {error:e}");

@@ -11,8 +11,8 @@
 use phipsi_recursion::Layout;
 use phipsi_recursion::flexible::StationJoint;
 use phipsi_recursion::hinge::Hinge;
-use phipsi_recursion::layout::{GROUND, LayoutBody};
-use phipsi_spatial::{Real, RigidInertia, Transform};
+use phipsi_recursion::layout::{GROUND, LayoutBody, Shift};
+use phipsi_spatial::{ArticulatedInertia, Real, RigidInertia, Scalar, Transform, Wrench};
 
 /// How a body moves in its parent.
 #[derive(Clone, Copy, Debug)]
@@ -53,15 +53,36 @@ impl<T: Real> TreeBody<T> {
     pub(crate) fn hinge(&self) -> Option<&Hinge<T>> {
         if let Joint::Hinge(hinge) = &self.joint { Some(hinge) } else { None }
     }
-    /// Pose in its parent, or in the node that it is on.
+    /// Passage to its parent, or to the node that it is on, and pose there. `sin`, `cos`: of all coordinates.
     #[inline(always)]
-    pub(crate) fn pose(&self, q: &[T]) -> Transform<T> {
+    pub(crate) fn shift<S: Scalar<Constant = T>>(
+        &self,
+        q: &[S],
+        sin: &[S],
+        cos: &[S],
+    ) -> (Shift<S>, Transform<S>) {
         match &self.place {
-            Place::Link(body) => body.pose(q),
-            Place::Frame { q: at, placement } => match &self.joint {
-                Joint::Hinge(hinge) => hinge.transform(placement, &q[*at..]),
-                Joint::Fixed | Joint::Modes(_) => *placement,
-            },
+            Place::Link(body) => body.shift(q, (sin[body.q], cos[body.q])),
+            Place::Frame { q: at, placement } => {
+                let pose = match &self.joint {
+                    Joint::Hinge(hinge) => hinge.transform(placement, &q[*at..]),
+                    Joint::Fixed | Joint::Modes(_) => Transform::constant(placement),
+                };
+                (Shift::identity(), pose)
+            }
+        }
+    }
+    /// φ(p, k) (P − G H P) φ*(p, k) of a joint of one axis with gain G, where that is cheaper than by the pose.
+    #[inline(always)]
+    pub(crate) fn eliminated_to_parent<S: Scalar<Constant = T>>(
+        &self,
+        shift: &Shift<S>,
+        P: &ArticulatedInertia<S>,
+        gain: &Wrench<S>,
+    ) -> Option<ArticulatedInertia<S>> {
+        match &self.place {
+            Place::Link(body) => body.eliminated_to_parent(shift, P, gain),
+            Place::Frame { .. } => None,
         }
     }
     /// Pose in its parent at q = 0.

@@ -13,17 +13,18 @@ use crate::error::DynamicsError;
 use crate::flexible::{FlexibleTree, rigid_inboard, rigid_node};
 use crate::hinge::Hinge;
 use crate::kernel::kernel;
-use crate::link::Link;
+use crate::link::{Link, each_shape};
 use phipsi_model::joint::rotation_from_z;
 use phipsi_model::{JointKind, Model};
 use phipsi_spatial::six_lanes::{RigidEntries, rigid_entries};
-use phipsi_spatial::{Mat3, Real, RigidInertia, Scalar, Transform, Vec3, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Mat3, Real, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench};
 
 mod arrange;
 mod branches;
 mod pending;
 mod shifts;
 
+pub use crate::link::Shift;
 use arrange::{Raw, arrange};
 pub(crate) use branches::{Branch, carve};
 pub(crate) use pending::Pending;
@@ -59,6 +60,32 @@ impl<C: Real> LayoutBody<C> {
     pub fn pose<T: Scalar<Constant = C>>(&self, q: &[T]) -> Transform<T> {
         let (shift, general) = self.link.at(&self.hinge, &q[self.q..]);
         general.unwrap_or_else(|| self.link.pose(&shift))
+    }
+    /// Its passage to its parent and its pose there, where sine and cosine of its first coordinate are known. `q`: of the whole model.
+    #[inline(always)]
+    pub fn shift<T: Scalar<Constant = C>>(&self, q: &[T], (sin, cos): (T, T)) -> (Shift<T>, Transform<T>) {
+        if let Hinge::Revolute = self.hinge {
+            let shift = self.link.hinged(self.link.turned_by(Turn { cos, sin }));
+            return (shift, self.link.pose(&shift));
+        }
+        let (shift, general) = self.link.at(&self.hinge, &q[self.q..]);
+        (shift, general.unwrap_or_else(|| self.link.pose(&shift)))
+    }
+    /// φ(p, k) (P − G H P) φ*(p, k) of a hinge about an axis or a slider along it with gain G; of other joints none.
+    #[inline(always)]
+    pub fn eliminated_to_parent<T: Scalar<Constant = C>>(
+        &self,
+        shift: &Shift<T>,
+        P: &ArticulatedInertia<T>,
+        gain: &Wrench<T>,
+    ) -> Option<ArticulatedInertia<T>> {
+        match self.hinge {
+            Hinge::Revolute => {
+                Some(each_shape!(self.link, |link| link.eliminated_to_parent(shift.turn, P, gain)))
+            }
+            Hinge::Prismatic => Some(each_shape!(self.link, |link| link.slid_to_parent(shift, P, gain))),
+            _ => None,
+        }
     }
     /// The parent's axes, in any frame, turned into the body's; and the body's origin from the parent's, there.
     #[inline(always)]

@@ -10,13 +10,14 @@ use super::{Done, Factors};
 use crate::frames::{Frames, weight};
 use crate::number::Arithmetic;
 use crate::structure::{Operation, Structure};
-use crate::tree::{Joint, Tree};
+use crate::tree::{Joint, Tree, TreeBody};
 use phipsi_recursion::hinge::Hinge;
+use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{DynamicsError, Layout};
 use phipsi_spatial::{ArticulatedInertia, Real, Scalar, Wrench};
 
 impl<T: Real> Factors<T> {
-    /// Eliminates the joint of a body, or modes; returns what it lets through.
+    /// Eliminates the joint of a body, or modes; returns what it lets through, in the parent's frame, if there is one.
     #[inline(always)]
     pub(super) fn join(
         &mut self,
@@ -24,18 +25,19 @@ impl<T: Real> Factors<T> {
         (layout, tree): (&Layout<T>, &Tree<T>),
         frames: &Frames<T>,
         k: usize,
-    ) -> Result<ArticulatedInertia<Arithmetic<T>>, DynamicsError> {
+    ) -> Result<Option<ArticulatedInertia<Arithmetic<T>>>, DynamicsError> {
         let (body, station) = (&tree.bodies[k], &structure.stations[k]);
-        let joined = station.join.map(|index| &structure.operations[index]);
-        let mut rows = match joined {
+        let first = match station.join.map(|index| &structure.operations[index]) {
             Some(operation) if operation.in_place => {
                 operation.inputs.first().map_or(0, |(b, _)| self.block_rows[*b])
             }
             Some(operation) => self.stack(structure, operation, Arithmetic::<T>::splat(1.0)),
             None => 0,
         };
+        let mut rows = first;
         let mut P = self.inertia[k];
-        let mut passed = 0;
+        // What is left of P after the joint, in the parent's frame: by the cheaper passage, where there is one.
+        let mut moved = None;
         match &body.joint {
             Joint::Fixed => {}
             Joint::Modes(i) => {
@@ -44,68 +46,114 @@ impl<T: Real> Factors<T> {
                 rows += body.nv;
             }
             Joint::Hinge(hinge) => {
-                for i in 0..body.nv {
-                    let at = body.v + i;
-                    if !self.passive[at] {
-                        self.xi[at] = Wrench::zero();
-                        self.roots[at] = Arithmetic::<T>::splat(0.0);
-                        self.inverses[at] = Arithmetic::<T>::splat(0.0);
-                        continue;
+                // Common kinds in copies of their own, in which they are constants.
+                let passed = match hinge {
+                    Hinge::Revolute => {
+                        self.eliminate_axes(structure, body, &Hinge::Revolute, k, &mut P, first)
                     }
-                    passed += 1;
-                    let column = joint_column(&P, hinge, i);
-                    let D = hinge.project(i, &column);
-                    if !D.is_positive() {
-                        return Err(singular_at(layout, at, D.min_lane()));
+                    Hinge::Prismatic => {
+                        self.eliminate_axes(structure, body, &Hinge::Prismatic, k, &mut P, first)
                     }
-                    let root = D.sqrt();
-                    let inverse = root.recip();
-                    let xi = column.scale(inverse);
-                    P.subtract_outer(xi, xi);
-                    (self.xi[at], self.roots[at], self.inverses[at]) = (xi, root, inverse);
-                    if let Some(operation) = joined {
-                        self.append(structure, operation, k, i, hinge, xi, inverse, rows);
-                        rows += 1;
+                    _ => self.eliminate_axes(structure, body, hinge, k, &mut P, first),
+                };
+                let passed = passed.map_err(|(i, D)| singular_at(layout, body.v + i, D))?;
+                rows += passed;
+                if passed == 1 && body.nv == 1 {
+                    let xi = self.xi[body.v];
+                    if body.parent != GROUND {
+                        let gain = xi.scale(self.inverses[body.v]);
+                        moved = body.eliminated_to_parent(&frames.shifts[k], &P, &gain);
+                    }
+                    if moved.is_none() {
+                        P.subtract_outer(xi, xi);
+                    }
+                }
+                if passed == 6 {
+                    // What the subtractions leave is rounding: a free joint lets nothing through.
+                    P = ArticulatedInertia::zero();
+                    for passing in &station.passes {
+                        let strand = structure.strands[passing.strand];
+                        let m = structure.loops[passing.of].rows.len();
+                        self.c[strand.first..strand.first + m].fill(Wrench::zero());
                     }
                 }
             }
-        }
-        let free = passed == 6;
-        if free {
-            // What the subtractions leave is rounding: a free joint lets nothing through.
-            P = ArticulatedInertia::zero();
         }
         if let Some(index) = station.join {
-            if free {
-                for passing in &station.passes {
-                    let strand = structure.strands[passing.strand];
-                    let m = structure.loops[passing.of].rows.len();
-                    self.c[strand.first..strand.first + m].fill(Wrench::zero());
-                }
-            }
-            let operation = &structure.operations[index];
-            if operation.in_place {
-                operation.output.into_iter().for_each(|b| self.block_rows[b] = rows);
-                let scale = Arithmetic::<T>::splat(1.0);
-                self.done[index] = Done { rows, rank: 0, steps: 0, left: rows, scale };
-                self.sharp[index] = self.sharpness(operation);
-                return Ok(P);
-            }
-            let width = operation.others;
-            let (steps, left) = if rows > 2 * width {
-                let mut panel = self.panel(operation, rows);
-                panel.sort_rows(0, 0..width);
-                let (steps, _) = panel.eliminate(0, 0..width, 0.0, width);
-                (steps, steps)
-            } else {
-                self.panel(operation, rows);
-                (0, rows)
-            };
-            self.done[index] = Done { rows, rank: 0, steps, left, scale: Arithmetic::<T>::splat(1.0) };
-            self.sharp[index] = self.sharpness(operation);
-            self.hand_on(structure, index, 0);
+            self.finish(structure, index, rows);
         }
-        Ok(P)
+        Ok(match moved {
+            None if body.parent != GROUND => Some(frames.poses[k].articulated_to_parent(&P)),
+            moved => moved,
+        })
+    }
+    /// Eliminates the passive axes of a joint one after the other, and appends their rows from `first` on; returns their number.
+    /// P is left as it was for the passage of a joint of one axis.
+    ///
+    /// # Errors
+    /// An axis whose pivot is not positive, and the pivot.
+    #[inline(always)]
+    fn eliminate_axes(
+        &mut self,
+        structure: &Structure<T>,
+        body: &TreeBody<T>,
+        hinge: &Hinge<T>,
+        k: usize,
+        P: &mut ArticulatedInertia<Arithmetic<T>>,
+        first: usize,
+    ) -> Result<usize, (usize, f64)> {
+        let mut passed = 0;
+        for i in 0..hinge.nv() {
+            let at = body.v + i;
+            if !self.passive[at] {
+                self.xi[at] = Wrench::zero();
+                self.roots[at] = Arithmetic::<T>::splat(0.0);
+                self.inverses[at] = Arithmetic::<T>::splat(0.0);
+                continue;
+            }
+            let column = joint_column(P, hinge, i);
+            let D = hinge.project(i, &column);
+            if !D.is_positive() {
+                return Err((i, D.min_lane()));
+            }
+            // One after the other they would take twice as long.
+            let (root, reciprocal) = (D.sqrt(), D.recip());
+            let inverse = root * reciprocal;
+            let xi = column.scale(inverse);
+            if hinge.nv() > 1 {
+                P.subtract_outer(xi, xi);
+            }
+            (self.xi[at], self.roots[at], self.inverses[at]) = (xi, root, inverse);
+            if let Some(operation) = structure.stations[k].join.map(|index| &structure.operations[index]) {
+                self.append(structure, operation, k, i, hinge, xi, inverse, first + passed);
+            }
+            passed += 1;
+        }
+        Ok(passed)
+    }
+    /// Notes what a join did, and hands its block on if it was not made in place.
+    #[inline(always)]
+    fn finish(&mut self, structure: &Structure<T>, index: usize, rows: usize) {
+        let operation = &structure.operations[index];
+        self.sharp[index] = self.sharpness(operation);
+        let scale = Arithmetic::<T>::splat(1.0);
+        if operation.in_place {
+            operation.output.into_iter().for_each(|b| self.block_rows[b] = rows);
+            self.done[index] = Done { rows, rank: 0, steps: 0, left: rows, scale };
+            return;
+        }
+        let width = operation.others;
+        let (steps, left) = if rows > 2 * width {
+            let mut panel = self.panel(operation, rows);
+            panel.sort_rows(0, 0..width);
+            let (steps, _) = panel.eliminate(0, 0..width, 0.0, width);
+            (steps, steps)
+        } else {
+            self.panel(operation, rows);
+            (0, rows)
+        };
+        self.done[index] = Done { rows, rank: 0, steps, left, scale };
+        self.hand_on(structure, index, 0);
     }
     /// Appends the row of one degree of freedom to a join, and takes it out of C.
     #[allow(clippy::too_many_arguments)]

@@ -11,7 +11,7 @@
 use super::Solution;
 use crate::factors::Factors;
 use crate::frames::{Frames, weight};
-use crate::number::{Arithmetic, motion, transform, wrench};
+use crate::number::{Arithmetic, motion};
 use crate::structure::{LoopKind, Structure};
 use crate::tree::{Joint, Tree};
 use phipsi_spatial::{Kernel, Real, Scalar, Wrench};
@@ -177,7 +177,7 @@ impl<T: Real> Solution<T> {
                 // The force on the end, moved inward body by body.
                 let mut f = Wrench::zero();
                 for (i, row) in l.rows.clone().enumerate() {
-                    let c = wrench(frames.strand_row(structure, of, side, i));
+                    let c = frames.strand_row(structure, of, side, i);
                     f = c.scale_add(self.lambda[row], f);
                 }
                 let mut attached = l.attached[side];
@@ -198,7 +198,7 @@ impl<T: Real> Solution<T> {
                             }
                         }
                     }
-                    f = transform(&frames.poses[k]).wrench_to_parent(f);
+                    f = frames.poses[k].wrench_to_parent(f);
                     attached = structure.attached[k];
                 }
             }

@@ -2,6 +2,7 @@
 
 use super::{End, Loop, LoopKind};
 use crate::error::ClosureError;
+use crate::rows::{MOST_ROWS, OWN, axes};
 use crate::tree::Tree;
 use phipsi_model::{ClosureKind, Model};
 use phipsi_recursion::Layout;
@@ -36,6 +37,7 @@ pub(super) fn loops<T: Real>(
             name: closure.name.clone(),
             kind: LoopKind::Frames { kind, a, b },
             rows,
+            axes: axes(kind),
             angular: kind.angular_rows(),
             ancestor: GROUND,
             strands: [None; 2],
@@ -66,6 +68,7 @@ pub(super) fn loops<T: Real>(
             name,
             kind,
             rows,
+            axes: [OWN; MOST_ROWS],
             angular,
             ancestor: GROUND,
             strands: [None; 2],
