@@ -38,6 +38,9 @@ impl Line {
     }
 }
 
+/// Lines by clusters, positions, the largest distance.
+type Straightened = (Vec<Option<Line>>, Vec<Vec3<f64>>, f64);
+
 /// The line of each cluster that is a linear molecule, all positions with its atoms on it, and the largest distance (nm) that an
 /// atom was off.
 pub(crate) fn straighten(
@@ -45,7 +48,7 @@ pub(crate) fn straighten(
     positions: &[Vec3<f64>],
     clusters: &Clusters,
     order: &[Rooted],
-) -> Result<(Vec<Option<Line>>, Vec<Vec3<f64>>, f64), MoleculeErrors> {
+) -> Result<Straightened, MoleculeErrors> {
     let mut lines = vec![None; clusters.clusters.len()];
     let (mut straight, mut off, mut errors) = (positions.to_vec(), 0.0f64, Vec::new());
     for step in order.iter().filter(|s| s.hinge.is_none() && !s.has_hinges) {

@@ -176,7 +176,7 @@ fn kinetic(atoms: &Atoms, u: &[Vec3<f64>]) -> f64 {
 }
 
 fn subtract(a: &mut [Vec3<f64>], b: &[Vec3<f64>]) {
-    a.iter_mut().zip(b).for_each(|(a, b)| *a = *a - *b);
+    a.iter_mut().zip(b).for_each(|(a, b)| *a -= *b);
 }
 
 fn failed(e: &DynamicsError) -> MoleculeErrors {

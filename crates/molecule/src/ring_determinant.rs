@@ -200,7 +200,7 @@ impl RingDeterminant {
                 }
                 for (link, s) in ring.strands[0].iter().zip(&axes[0]) {
                     gradient[link.dof] -= 2.0 * s.cross_motion(w).dot(wrench);
-                    w = w - s.scale(a[link.dof]);
+                    w -= s.scale(a[link.dof]);
                 }
             }
         }
@@ -240,7 +240,8 @@ fn cholesky(omega: &mut [f64], m: usize) -> f64 {
             omega[i * m + j] -= sum;
         }
         let pivot = omega[j * m + j];
-        if !(pivot > 64.0 * m as f64 * f64::EPSILON * size) {
+        let is_independent = pivot > 64.0 * m as f64 * f64::EPSILON * size;
+        if !is_independent {
             return f64::NAN;
         }
         logarithm += pivot.ln();

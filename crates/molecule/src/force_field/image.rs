@@ -46,7 +46,7 @@ impl NearestImage {
         for k in [2, 1, 0] {
             let turns = (d[k] * T::splat(self.inverse[k]) + rounder) - rounder;
             for i in 0..=k {
-                d[i] = d[i] - turns * T::splat(self.vectors[k][i]);
+                d[i] -= turns * T::splat(self.vectors[k][i]);
             }
         }
     }
@@ -54,7 +54,7 @@ impl NearestImage {
     pub(super) fn of(&self, mut d: Vec3<f64>) -> Vec3<f64> {
         for k in [2, 1, 0] {
             let turns = (d.0[k] * self.inverse[k] + ROUNDER) - ROUNDER;
-            d = d - Vec3(self.vectors[k]).scale(turns);
+            d -= Vec3(self.vectors[k]).scale(turns);
         }
         d
     }
