@@ -35,12 +35,15 @@ pub struct Energies {
     pub potential: f64,
 }
 
+type OfMotion = dyn FnMut(&Situation<'_>) -> f64 + Send;
+type OfEnergies = dyn FnMut(&Situation<'_>, Energies) -> f64 + Send;
+
 /// What an event looks at.
 pub(crate) enum Function {
     /// Time and state.
-    Motion(Box<dyn FnMut(&Situation<'_>) -> f64 + Send>),
+    Motion(Box<OfMotion>),
     /// Energies besides.
-    Energy(Box<dyn FnMut(&Situation<'_>, Energies) -> f64 + Send>),
+    Energy(Box<OfEnergies>),
 }
 
 type Change = dyn FnMut(f64, &mut [f64], &mut [f64]) + Send;
