@@ -214,7 +214,7 @@ def test_all_errors_at_once(tmp_path):
     files = write(
         tmp_path,
         pdb=lambda t: t.replace("   3.535  -1.132", "   3.5x5  -1.132"),
-        xml=lambda t: t.replace('method="0"', 'method="2"').replace('k="265265.6"', 'k="nan"', 1),
+        xml=lambda t: t.replace('method="0"', 'method="4"').replace('k="265265.6"', 'k="nan"', 1),
     )
     with pytest.raises(phipsi.ModelError) as caught:
         System.from_files(*files)

@@ -408,7 +408,8 @@ def test_flexible_rings_stay_closed(tmp_path):
         r = t.run(100, dt_fs=2, ensemble=ensemble, temperature_K=300, seed=1, fixman=True)
         assert np.ptp(r.conserved) < 0.1
         assert np.abs(t.model.closure_residual(t.q)).max() < 1e-12
-    lowest = rigid.minimize().energy
+    # From the same start: a run may have left its valley.
+    lowest, t = rigid.minimize().energy, TorsionModel(s, rings="flexible")
     minimum = t.minimize()
     assert minimum.converged and minimum.energy < lowest + 0.01
     assert np.abs(t.model.closure_residual(t.q)).max() < 1e-12
