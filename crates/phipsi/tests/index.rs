@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 const SUPPORT: [&str; 16] = [
     "batch",
     "branching",
-    "columns",
+    "composites",
     "derivative_columns",
     "error",
     "form",
