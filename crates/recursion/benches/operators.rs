@@ -241,20 +241,26 @@ fn duration(seconds: f64) -> String {
 fn page(lines: &[Line]) -> String {
     let mut out = "# Cost of the papers' expressions\n\nEach expression of [The two papers, line by line](papers.md) is applied as sweeps: its time grows like the number of bodies. A dense \
          n × n matrix has n² numbers and costs n sweeps, or the vertical sweeps of Lemma 13. Measured on chains of hinges, one thread, the \
-         shortest of many calls, of calls beyond 2 ms the mean time on the processor; slopes are those of log time over log n. Beyond some thousand bodies the blocks, each \
-         in its own place, no longer fit into caches, and a body costs a few times as much. Written by `PHIPSI_WRITE_PAGES=1 cargo bench -p phipsi-recursion --bench operators`.\n\n\
+         shortest of many calls, of calls beyond 2 ms the mean time on the processor; slopes are those of log time over log n. Beyond some thousand bodies the blocks, 288 \
+         bytes each and one behind the other, no longer fit into caches, which costs a factor once. Written by `PHIPSI_WRITE_PAGES=1 cargo bench -p phipsi-recursion --bench operators`.\n\n\
          ![Time of the papers' expressions against the number of bodies](images/operators.svg)\n\n"
         .to_string();
     for (dense, title) in [(false, "Results that are vectors"), (true, "Results that are matrices")] {
         let sizes: &[usize] = if dense { &MATRICES } else { &VECTORS };
         let heads: Vec<String> = sizes.iter().map(usize::to_string).collect();
-        let slopes = if dense { "slope 100–4000" } else { "slope 100–3000 | slope 3000–10⁵" };
-        let columns = sizes.len() + if dense { 1 } else { 2 };
+        let slopes = if dense {
+            "slope 100–4000"
+        } else {
+            "slope 100–3000 | slope 3000–10⁵ | slope 10–10⁵"
+        };
+        let columns = sizes.len() + if dense { 1 } else { 3 };
         let _ = write!(out, "## {title}\n\n| expression | {slopes} | {} |\n", heads.join(" | "));
         let _ = writeln!(out, "|---|{}", "---|".repeat(columns));
         for line in lines.iter().filter(|line| line.dense == dense) {
             let mut cells = vec![line.name.clone(), format!("{:.2}", line.main_slope())];
-            cells.extend((!dense).then(|| format!("{:.2}", line.slope(LARGE))));
+            if !dense {
+                cells.extend([LARGE, 10..=100_000].map(|sizes| format!("{:.2}", line.slope(sizes))));
+            }
             cells.extend(line.points.iter().map(|p| duration(p.1)));
             let _ = writeln!(out, "| {} |", cells.join(" | "));
         }
