@@ -7,7 +7,7 @@
 //! | S | an axis of a joint, a column of H* | paper 2 (2.3) |
 //! | f | R S of a degree of freedom, carried inboard by φ | |
 //!
-//! All vectors are in the axes of the ground ([`crate::ground_axes`]): forces stay as they are while f goes from body to body, and
+//! All vectors are in the axes of the ground (`ground_axes.rs`): forces stay as they are while f goes from body to body, and
 //! only moments change. Columns of M lie side by side in a register, which goes its way to the base without being stored.
 
 use crate::error::{DynamicsError, check_length};
