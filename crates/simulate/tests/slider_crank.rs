@@ -40,7 +40,7 @@ fn largest(x: &[f64]) -> f64 {
 }
 
 /// q1 to q4 at t = 0.1, of 2e-4 to 5e-6 m, against the published equations in double-double numbers. Below 1e-13 the errors are
-/// rounding: the crank's angle of up to 15 rad is known to 1e-15 rad, its pin to 1e-16 m, and the modes of the rod walk at random by
+/// probably rounding, which is not tested: the crank's angle of up to 15 rad is known to 1e-15 rad, its pin to 1e-16 m, and the modes of the rod walk at random by
 /// so much in each of 6000 steps: some 1e-14 m of the whole, 1e-15 m of what reaches a mode, another one at each tolerance.
 #[test]
 fn the_flexible_slider_crank_reaches_its_published_end() {
