@@ -378,8 +378,11 @@ impl Integrator {
             // A remainder of less than a hundredth of a step (a fixed one: of rounding) is taken with it.
             let stretch = if fixed.is_some() { 1.0 + 1e-9 } else { 1.01 };
             let landing = t0 + stretch * h >= limit;
-            let trial = if landing { limit - t0 } else { h };
-            if !(trial > 4.0 * f64::EPSILON * t0.abs().max(f64::MIN_POSITIVE) && t0 + trial > t0) {
+            // The step is the difference of its times as they round, for forces and prescribed motions see the times: 22 m/s by
+            // half an ulp of 0.1 s are 1.5e-16 m a step.
+            let t1 = if landing { limit } else { t0 + h };
+            let trial = t1 - t0;
+            if !(trial > 4.0 * f64::EPSILON * t0.abs().max(f64::MIN_POSITIVE)) {
                 return Err(IntegrateError::StepUnderflow { t: t0, h: trial, cause });
             }
             let result = self.step.attempt(system, t0, trial, self.latest);
@@ -404,7 +407,6 @@ impl Integrator {
             if fixed.is_some() && error.is_infinite() {
                 return Err(IntegrateError::StepUnderflow { t: t0, h: trial, cause });
             }
-            let t1 = if landing { limit } else { t0 + trial };
             let mut refused = error.is_nan() || error > 1.0;
             let mut projected = None;
             if !refused {

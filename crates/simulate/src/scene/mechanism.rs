@@ -293,7 +293,7 @@ fn read_joint<'a>(table: &mut Table<'a>, report: &mut Report) -> Option<ReadJoin
 
 /// A joint by the user's name, and one of its degrees of freedom.
 pub(crate) struct JointDof {
-    /// Index in q of the coordinate of the same number, where the joint has one for each degree of freedom.
+    /// Index in q of the coordinate whose rate this is, where there is one.
     pub(crate) coordinate: Option<usize>,
     /// Index in v.
     pub(crate) dof: usize,
