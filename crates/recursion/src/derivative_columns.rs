@@ -1,74 +1,31 @@
 //! Changes of forces at unit changes of each degree of freedom, moved inward side by side: the columns of
-//! [`crate::inverse_dynamics_derivatives`], whose symbols are used here.
+//! [`crate::inverse_dynamics_derivatives`], whose symbols are used here. A register of columns goes its way to the base without being
+//! stored, twice: the weights, then the forces, so that each way has names for all that it carries.
 //!
-//! | rows | meaning |
+//! | column | meaning |
 //! |---|---|
-//! | `INERTIA` | R S, the force of an acceleration; also the weights with which rows of c see changes Ψ and Γ inboard |
-//! | `POSITION` | force of a change of position |
-//! | `VELOCITY` | force of a change of velocity |
-//! | `GYROSCOPIC` | −2B* S, the weights with which rows of c see angular changes of velocity inboard: a moment only |
+//! | inertia | R S, the force of an acceleration; also the weights with which rows of c see changes Ψ and Γ inboard |
+//! | gyroscopic | −2B* S, the weights with which rows of c see angular changes of velocity inboard: a moment only |
+//! | position | force of a change of position |
+//! | velocity | force of a change of velocity |
 
-use crate::ground_axes::{AXIS, OFFSET, along, linear_axes};
+use crate::ground_axes::{AXIS, OFFSET, Passages, along};
 use crate::inverse_dynamics_derivatives::{
-    COLUMNS, DIAGONAL, DRIFT, FORCE, POSITION_RATE, PSI, ROWS as ALL, VELOCITY_RATE,
+    DIAGONAL, DRIFT, FORCE, POSITION_RATE, PSI, ROWS as ALL, VELOCITY_RATE, begin_columns,
 };
-use crate::layout::{GROUND, Layout, LayoutBody};
-use crate::places::{Group, Places, View, inside, vector};
+use crate::layout::{GROUND, Layout};
+use crate::places::{Places, Table, View, moving, vector};
 use core::marker::PhantomData;
-use core::ops::Range;
 use phipsi_spatial::wide::{WIDEST, Wide};
-use phipsi_spatial::{Kernel, Motion, Scalar, Vec3, Wrench};
+use phipsi_spatial::{Kernel, Scalar, Vec3, Wrench};
 
-const INERTIA: usize = COLUMNS;
-const POSITION: usize = INERTIA + 6;
-const VELOCITY: usize = POSITION + 6;
-const GYROSCOPIC: usize = VELOCITY + 6;
-/// Rows of a column.
-pub(crate) const ROWS: usize = 21;
-
-/// Columns of a group.
+/// Columns of a register.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Column<W> {
     pub(crate) inertia: Wrench<W>,
     pub(crate) position: Wrench<W>,
     pub(crate) velocity: Wrench<W>,
     pub(crate) gyroscopic: Vec3<W>,
-}
-
-impl<W: Scalar> Column<W> {
-    #[inline(always)]
-    fn get<T: Scalar>(group: &Group<'_, T, ALL>) -> Self
-    where
-        W: Wide<T>,
-    {
-        Column {
-            inertia: group.wrench(INERTIA),
-            position: group.wrench(POSITION),
-            velocity: group.wrench(VELOCITY),
-            gyroscopic: group.vector(GYROSCOPIC),
-        }
-    }
-    #[inline(always)]
-    pub(crate) fn put<T: Scalar>(&self, group: &mut Group<'_, T, ALL>)
-    where
-        W: Wide<T>,
-    {
-        group.set_wrench(INERTIA, self.inertia);
-        group.set_wrench(POSITION, self.position);
-        group.set_wrench(VELOCITY, self.velocity);
-        group.set_vector(GYROSCOPIC, self.gyroscopic);
-    }
-    /// φ(p, k): by d, and by `drift` = −2u to the parent's frame of reference. Forces stay as they are.
-    #[inline(always)]
-    fn shift<T: Scalar>(&self, d: Vec3<W>, drift: Vec3<W>, group: &mut Group<'_, T, ALL>)
-    where
-        W: Wide<T>,
-    {
-        group.set_vector(INERTIA, d.cross_add(self.inertia.force, self.inertia.moment));
-        group.set_vector(POSITION, d.cross_add(self.position.force, self.position.moment));
-        group.set_vector(VELOCITY, d.cross_add(self.velocity.force, self.velocity.moment));
-        group.set_vector(GYROSCOPIC, self.inertia.force.cross_add(drift, self.gyroscopic));
-    }
 }
 
 /// Where columns meet the joints inboard: the derivatives, by places. What is zero for every configuration is never anything
@@ -80,62 +37,22 @@ pub(crate) struct Meetings<T> {
     pub(crate) d_dv: Vec<T>,
     /// M, above the diagonal.
     pub(crate) d_da: Vec<T>,
-    linear: Vec<bool>,
+    /// Below the diagonal, turned over: row p has what the rows of the columns outboard see of joint p. Empty where columns are
+    /// one number wide.
+    turned: [Vec<T>; 2],
+    passages: Passages,
 }
 
 impl<T: Scalar> Meetings<T> {
     pub(crate) fn new(layout: &Layout<T::Constant>, places: &Places) -> Self {
+        let turned = || if T::COLUMNS > 1 { places.zeros() } else { Vec::new() };
         Meetings {
             d_dq: places.zeros(),
             d_dv: places.zeros(),
             d_da: places.zeros(),
-            linear: linear_axes::<T>(layout, places),
+            turned: [turned(), turned()],
+            passages: Passages::new::<T>(layout, places),
         }
-    }
-    /// True if an axis at one of `count` places may have a linear part.
-    #[inline(always)]
-    pub(crate) fn is_linear(&self, at: usize, count: usize) -> bool {
-        self.linear[at..at + count].iter().any(|x| *x)
-    }
-}
-
-/// A degree of freedom, as columns from outboard see it.
-struct Joint<T> {
-    axis: Motion<T>,
-    psi: Vec3<T>,
-    position: Motion<T>,
-    velocity: Motion<T>,
-    linear: bool,
-}
-
-impl<T: Scalar> Joint<T> {
-    #[inline(always)]
-    fn get(here: &Group<'_, T, ALL>, linear: bool) -> Self {
-        Joint {
-            axis: here.motion(AXIS),
-            psi: here.vector(PSI),
-            position: here.motion(POSITION_RATE),
-            velocity: here.motion(VELOCITY_RATE),
-            linear,
-        }
-    }
-    /// S* f.
-    #[inline(always)]
-    fn along<W: Wide<T>>(&self, f: &Wrench<W>) -> W {
-        along(&self.axis, self.linear, f)
-    }
-    /// Ψ* R S + ψ* g.
-    #[inline(always)]
-    fn position<W: Wide<T>>(&self, column: &Column<W>) -> W {
-        let moment = dot_add(self.psi, column.gyroscopic, dot(self.position.angular, column.inertia.moment));
-        moment + dot(self.position.linear, column.inertia.force)
-    }
-    /// Γ* R S + s* g.
-    #[inline(always)]
-    fn velocity<W: Wide<T>>(&self, column: &Column<W>) -> W {
-        let moment =
-            dot(self.velocity.angular, column.inertia.moment) + dot(self.axis.angular, column.gyroscopic);
-        if self.linear { dot_add(self.velocity.linear, column.inertia.force, moment) } else { moment }
     }
 }
 
@@ -151,10 +68,9 @@ fn dot_add<T: Scalar, W: Wide<T>>(a: Vec3<T>, b: Vec3<W>, c: W) -> W {
     u.fma(W::broadcast(x), v.fma(W::broadcast(y), w.fma(W::broadcast(z), c)))
 }
 
-/// Columns from the tips to the base: every joint meets those of all joints outboard of it. A kernel of its own, for smaller
-/// functions keep more in registers.
+/// Columns from their joints to the base: every column meets all joints inboard of it. A kernel of its own, for smaller functions
+/// keep more in registers.
 pub(crate) struct Meet<'a, T: Scalar, W, const TURNING: bool> {
-    pub(crate) layout: &'a Layout<T::Constant>,
     pub(crate) places: &'a Places,
     pub(crate) view: View<'a, T, ALL>,
     pub(crate) meetings: &'a mut Meetings<T>,
@@ -165,93 +81,142 @@ impl<T: Scalar, W: Wide<T>, const TURNING: bool> Kernel for Meet<'_, T, W, TURNI
     type Output = ();
     #[inline(always)]
     fn run(self) {
-        let Meet { layout, places, mut view, meetings, .. } = self;
-        for (k, body) in layout.bodies().iter().enumerate().rev() {
-            if body.hinge.nv() == 1 {
-                meet::<T, W, TURNING, false>(places, &mut view, meetings, k, body);
+        let Meet { places, mut view, meetings, .. } = self;
+        let mut at = Places::group(places.margin, W::COUNT);
+        while at < places.count {
+            let mut group = view.at(at);
+            let column: Column<W> = if meetings.passages.is_linear(places, at, W::COUNT) {
+                begin_columns::<T, W, TURNING, true>(&mut group)
             } else {
-                meet::<T, W, TURNING, true>(places, &mut view, meetings, k, body);
-            }
+                begin_columns::<T, W, TURNING, false>(&mut group)
+            };
+            meetings.weigh::<W, TURNING>(places, &view, at, column.inertia, column.gyroscopic);
+            meetings.add_up(places, &mut view, at, column.position, column.velocity);
+            at += W::COUNT;
+        }
+        meetings.turn_back::<W>(places);
+        for place in places.margin..places.count {
+            // The axis does not turn its own force: exactly so, where the columns have the difference of what rounds.
+            meetings.d_dq[place * places.stride + place] = view.at(place).get(DIAGONAL);
         }
     }
 }
 
-/// A joint, of more than one degree of freedom if `MANY`, and the columns outboard of it.
-#[inline(always)]
-fn meet<T: Scalar, W: Wide<T>, const TURNING: bool, const MANY: bool>(
-    places: &Places,
-    view: &mut View<'_, T, ALL>,
-    meetings: &mut Meetings<T>,
-    k: usize,
-    body: &LayoutBody<T::Constant>,
-) {
-    let Meetings { d_dq, d_dv, d_da, linear } = meetings;
-    let (s, first, end) = (places.stride, places.first[k], places.end[k]);
-    let (count, linear) = (if MANY { body.hinge.nv() } else { 1 }, linear[first]);
-    let inner = first + count;
-    let here = view.at(first);
-    let (d, drift) = (here.vector::<T>(OFFSET), here.vector::<T>(DRIFT));
-    let force = here.wrench::<T>(FORCE);
-    let mut joint = Joint::get(&here, linear);
-    let mut at = Places::group(first, W::COUNT);
-    while at < end {
-        let column: Column<W> = Column::get(&view.at(at));
-        let (from, to) = (first.saturating_sub(at), (end - at).min(W::COUNT));
-        let own = inner.saturating_sub(at).min(W::COUNT);
-        for i in 0..count {
-            if MANY {
-                joint = Joint::get(&view.at(first + i), linear);
+impl<T: Scalar> Meetings<T> {
+    /// Rows of the columns from place `at` on, at the joints inboard; M on the way, if `TURNING`.
+    #[inline(always)]
+    fn weigh<W: Wide<T>, const TURNING: bool>(
+        &mut self,
+        places: &Places,
+        view: &View<'_, T, ALL>,
+        at: usize,
+        mut inertia: Wrench<W>,
+        mut gyroscopic: Vec3<W>,
+    ) {
+        let Meetings { d_dq, d_dv, d_da, turned: [turned_dq, turned_dv], passages } = self;
+        let s = places.stride;
+        for joint in passages.inward(places, at, W::COUNT) {
+            let (from, own, to) = joint.columns(at, W::COUNT);
+            for place in joint.first..joint.inner.min(at + W::COUNT) {
+                let here = view.lane(Table::<T, ALL>::start(place));
+                let row = place * s + at;
+                if TURNING {
+                    let x = along(&here.motion(AXIS), joint.linear, &inertia);
+                    x.between(0, to).store(&mut d_da[row..]);
+                }
+                if own == to {
+                    // All columns are the joint's own.
+                    continue;
+                }
+                let (change, rate) = (here.motion(POSITION_RATE), here.motion(VELOCITY_RATE));
+                // Ψ* R S + ψ* g.
+                let moment = dot_add(here.vector(PSI), gyroscopic, dot(change.angular, inertia.moment));
+                let position = moment + dot(change.linear, inertia.force);
+                // Γ* R S + s* g.
+                let mut velocity = dot(rate.angular, inertia.moment) + dot(here.vector(AXIS), gyroscopic);
+                if joint.linear {
+                    velocity = dot_add(rate.linear, inertia.force, velocity);
+                }
+                if W::COUNT == 1 {
+                    position.store(&mut d_dq[at * s + place..]);
+                    velocity.store(&mut d_dv[at * s + place..]);
+                } else {
+                    position.between(0, to).store(&mut turned_dq[row..]);
+                    velocity.between(0, to).store(&mut turned_dv[row..]);
+                }
             }
-            let row = (first + i) * s + at..(first + i) * s + at + W::COUNT;
-            let mut position = joint.along(&column.position);
-            if MANY && own > 0 {
-                // Axes of the same joint do not turn each other's force.
-                let axes = view.at(at).motion::<W>(AXIS);
-                let f = Wrench::new(vector(force.moment), vector(force.force));
-                position -= joint.along(&axes.cross_wrench(f)).between(from, own);
+            if joint.parent != GROUND {
+                let here = view.lane(Table::<T, ALL>::start(joint.first));
+                let (d, drift) =
+                    (moving(here.vector(OFFSET), from, to), moving(here.vector(DRIFT), from, to));
+                inertia.moment = d.cross_add(inertia.force, inertia.moment);
+                gyroscopic = inertia.force.cross_add(drift, gyroscopic);
             }
-            position.between(from, to).store(&mut d_dq[row.clone()]);
-            joint.along(&column.velocity).between(from, to).store(&mut d_dv[row.clone()]);
-            if TURNING {
-                joint.along(&column.inertia).between(from, to).store(&mut d_da[row]);
-            }
-            if own >= to {
-                continue;
-            }
-            // Rows of the columns' own joints, which the sweep has passed.
-            let place = (at * s + first + i, s);
-            scatter(joint.position(&column), d_dq, place, own..to);
-            scatter(joint.velocity(&column), d_dv, place, own..to);
         }
-        if body.parent != GROUND {
-            // Columns beside those of the range stay where they are.
-            let d = inside(vector::<T, W>(d), from, to);
-            column.shift(d, inside(vector::<T, W>(drift), from, to), &mut view.at(at));
+    }
+    /// Rows of the joints from the columns from place `at` on.
+    #[inline(always)]
+    fn add_up<W: Wide<T>>(
+        &mut self,
+        places: &Places,
+        view: &mut View<'_, T, ALL>,
+        at: usize,
+        mut position: Wrench<W>,
+        mut velocity: Wrench<W>,
+    ) {
+        let Meetings { d_dq, d_dv, passages, .. } = self;
+        let s = places.stride;
+        for joint in passages.inward(places, at, W::COUNT) {
+            let (from, own, to) = joint.columns(at, W::COUNT);
+            for place in joint.first..joint.inner {
+                let here = view.lane(Table::<T, ALL>::start(place));
+                let axis = here.motion(AXIS);
+                let mut x = along(&axis, joint.linear, &position);
+                if joint.inner > joint.first + 1 && own > from {
+                    // Axes of the same joint do not turn each other's force.
+                    let f: Wrench<T> = Wrench::new(here.vector(FORCE), here.vector(FORCE + 3));
+                    let f = Wrench::new(vector(f.moment), vector(f.force));
+                    let axes = view.at(at).motion::<W>(AXIS);
+                    x -= along(&axis, joint.linear, &axes.cross_wrench(f)).between(from, own);
+                }
+                let row = place * s + at;
+                x.between(0, to).store(&mut d_dq[row..]);
+                along(&axis, joint.linear, &velocity).between(0, to).store(&mut d_dv[row..]);
+            }
+            if joint.parent != GROUND {
+                let d = moving(view.lane(Table::<T, ALL>::start(joint.first)).vector(OFFSET), from, to);
+                position.moment = d.cross_add(position.force, position.moment);
+                velocity.moment = d.cross_add(velocity.force, velocity.moment);
+            }
         }
-        at += W::COUNT;
     }
-    for here in first..inner {
-        // The axis does not turn its own force: exactly so, where the columns have the difference of what rounds.
-        d_dq[here * s + here] = view.at(here).get(DIAGONAL);
-    }
-}
-
-/// Some numbers of `x`, number l to row `first` + l of a matrix, in one column: `first` and the column are those of the first
-/// index, the second is the distance of rows.
-#[inline(always)]
-fn scatter<T: Scalar, W: Wide<T>>(
-    x: W,
-    matrix: &mut [T],
-    (first, stride): (usize, usize),
-    some: Range<usize>,
-) {
-    if W::COUNT == 1 {
-        return x.store(&mut matrix[first..]);
-    }
-    let mut numbers = [T::zero(); WIDEST];
-    x.store(&mut numbers);
-    let rows = matrix[first + some.start * stride..].chunks_mut(stride);
-    for (row, x) in rows.zip(&numbers[some]) {
-        row[0] = *x;
+    /// What was turned over goes to its rows, beside what is there of the rows' own joints and of those outboard.
+    #[inline(always)]
+    fn turn_back<W: Wide<T>>(&mut self, places: &Places) {
+        if W::COUNT == 1 {
+            return;
+        }
+        let Meetings { d_dq, d_dv, turned: [turned_dq, turned_dv], passages, .. } = self;
+        let (s, width) = (places.stride, W::COUNT);
+        let mut left = Places::group(places.margin, width);
+        while left < places.count {
+            let (mut top, end) = (left, places.outboard_end(left, width));
+            while top < end {
+                for (turned, out) in [(&*turned_dq, &mut *d_dq), (&*turned_dv, &mut *d_dv)] {
+                    let mut tile = [W::zero(); WIDEST];
+                    for (i, x) in tile.iter_mut().enumerate().take(width) {
+                        *x = W::load(&turned[(left + i) * s + top..]);
+                    }
+                    W::transpose(&mut tile);
+                    for (i, x) in tile.into_iter().enumerate().take(width) {
+                        let row = &mut out[(top + i) * s + left..][..width];
+                        let inboard = passages.of(top + i).first.saturating_sub(left).min(width);
+                        x.up_to(inboard, W::load(row)).store(row);
+                    }
+                }
+                top += width;
+            }
+            left += width;
+        }
     }
 }

@@ -228,6 +228,97 @@ pub(crate) fn ways<T: Scalar, const N: usize>(layout: &Layout<T::Constant>, plac
     ways
 }
 
+/// A joint on the way from those outboard of it to the base.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Passage {
+    /// Its first place, one past its last, and one past the last place outboard.
+    pub(crate) first: usize,
+    pub(crate) inner: usize,
+    pub(crate) end: usize,
+    /// The joint inboard, or [`GROUND`].
+    pub(crate) parent: usize,
+    /// True if an axis may have a linear part.
+    pub(crate) linear: bool,
+    /// True if it holds nothing.
+    pub(crate) free: bool,
+}
+
+impl Passage {
+    /// Of a register from place `at` on: the first column that has begun when the joint is passed, one past the last of its own, and
+    /// one past the last outboard.
+    #[inline(always)]
+    pub(crate) fn columns(&self, at: usize, count: usize) -> (usize, usize, usize) {
+        (self.first.saturating_sub(at), self.inner.saturating_sub(at).min(count), (self.end - at).min(count))
+    }
+}
+
+/// The joints of a tree, as columns pass them.
+#[derive(Clone, Debug)]
+pub(crate) struct Passages {
+    joints: Vec<Passage>,
+    /// The joint of every place; of the empty ones the first.
+    of: Vec<usize>,
+}
+
+impl Passages {
+    pub(crate) fn new<T: Scalar>(layout: &Layout<T::Constant>, places: &Places) -> Self {
+        let linear = linear_axes::<T>(layout, places);
+        let (mut joints, mut of) = (Vec::new(), vec![0; places.margin]);
+        // Of flexible trees there are no places.
+        for (k, body) in layout.bodies().iter().enumerate().take_while(|_| places.count > 0) {
+            let own = places.own(k);
+            of.extend(own.clone().map(|_| k));
+            joints.push(Passage {
+                first: own.start,
+                inner: own.end,
+                end: places.end[k],
+                parent: body.parent,
+                linear: linear.get(own.start).is_some_and(|linear| *linear),
+                free: matches!(body.hinge, Hinge::Free),
+            });
+        }
+        Passages { joints, of }
+    }
+    /// The joint of a place.
+    #[inline(always)]
+    pub(crate) fn of(&self, place: usize) -> &Passage {
+        &self.joints[self.of[place]]
+    }
+    /// True if the axis of a place may have a linear part.
+    #[inline(always)]
+    pub(crate) fn linear(&self, place: usize) -> bool {
+        self.of(place).linear
+    }
+    /// True if an axis at one of `count` places from `at` on may have a linear part.
+    #[inline(always)]
+    pub(crate) fn is_linear(&self, places: &Places, at: usize, count: usize) -> bool {
+        self.of[at.max(places.margin)..at + count].iter().any(|&k| self.joints[k].linear)
+    }
+    /// The joints of `count` places from `at` on, the last one first, then those inboard of the first place, which are all that are
+    /// inboard of any.
+    #[inline(always)]
+    pub(crate) fn inward(&self, places: &Places, at: usize, count: usize) -> Inward<'_> {
+        Inward { joints: &self.joints, next: self.of[at + count - 1], lowest: at.max(places.margin) }
+    }
+}
+
+/// See [`Passages::inward`].
+pub(crate) struct Inward<'a> {
+    joints: &'a [Passage],
+    next: usize,
+    lowest: usize,
+}
+
+impl<'a> Iterator for Inward<'a> {
+    type Item = &'a Passage;
+    #[inline(always)]
+    fn next(&mut self) -> Option<&'a Passage> {
+        let joint = self.joints.get(self.next)?;
+        self.next = if joint.first > self.lowest { self.next - 1 } else { joint.parent };
+        Some(joint)
+    }
+}
+
 /// Inertias of the bodies in their own axes, by places, for registers of several bodies.
 #[derive(Clone, Debug)]
 pub(crate) struct OwnInertias<T>(Vec<[T; 10]>);

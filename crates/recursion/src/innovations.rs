@@ -2,7 +2,7 @@
 //!
 //! | symbol | meaning | shape | source |
 //! |---|---|---|---|
-//! | z | K e_c of a unit innovation at c, moved inward by ψ | 6 | soa.md 3.1 |
+//! | z | K e_c of a unit innovation at c, moved inward by ψ: a register of columns goes its way to the base without being stored | 6 | soa.md 3.1 |
 //! | L | I − HψK: ε = L T; entry (i, c) is −H(i) z(i), zero unless i lies on the way from c to the base | nv×nv | soa.md 3.1 |
 //! | D | articulated joint inertias | nv | paper 1 (9.5) |
 //!
@@ -12,12 +12,12 @@
 
 use crate::articulated_sweep::{ArticulatedSweep, Pivot};
 use crate::error::DynamicsError;
-use crate::ground_axes::{self, AXIS, OFFSET, linear_axes};
-use crate::hinge::{Hinge, combine};
+use crate::ground_axes::{self, AXIS, OFFSET, Passages};
+use crate::hinge::combine;
 use crate::layout::{GROUND, Layout, Shifts};
-use crate::places::{Places, Table, View, inside, vector};
+use crate::places::{Places, Table, View, inside, moving, vector};
 use phipsi_spatial::wide::{Wide, WideKernel};
-use phipsi_spatial::{Motion, Scalar, Wrench};
+use phipsi_spatial::{Scalar, Wrench};
 
 mod columns;
 mod products;
@@ -25,19 +25,19 @@ mod products;
 use columns::Columns;
 use products::Products;
 
-/// Rows of the gain K of a degree of freedom, and of z.
+/// Rows of the gain K of a degree of freedom.
 const GAIN: usize = 0;
-const MOVED: usize = 6;
+const GAINS: usize = 6;
 
 /// L and D⁻¹ of one configuration.
 #[derive(Clone, Debug)]
 pub(crate) struct Innovations<T> {
-    linear: Vec<bool>,
+    passages: Passages,
     /// L. What is zero for every configuration is never anything else between calls.
     operator: Vec<T>,
     /// D⁻¹, by places.
     inverse: Vec<T>,
-    gains: Table<T, 12>,
+    gains: Table<T, GAINS>,
     products: Products<T>,
     /// Where products with M⁻¹ take more time than sweeps over the columns.
     columns: Option<Columns<T>>,
@@ -47,7 +47,7 @@ impl<T: Scalar> Innovations<T> {
     /// A workspace for a layout.
     pub(crate) fn new(layout: &Layout<T::Constant>, places: &Places) -> Self {
         Innovations {
-            linear: linear_axes::<T>(layout, places),
+            passages: Passages::new::<T>(layout, places),
             operator: places.zeros(),
             inverse: vec![T::zero(); places.count],
             gains: Table::new(places),
@@ -69,67 +69,59 @@ impl<T: Scalar> Innovations<T> {
         pivots: &[Pivot<T>],
         bodies: &mut View<'_, T, N>,
     ) {
-        let Innovations { operator, inverse: inverses, gains, linear, .. } = self;
+        let Innovations { operator, inverse: inverses, gains, passages, .. } = self;
         let s = places.stride;
         let mut gains = gains.view();
-        for (k, body) in layout.bodies().iter().enumerate().rev() {
-            let (first, end) = (places.first[k], places.end[k]);
-            let (count, linear) = (body.hinge.nv(), linear[first]);
-            let inner = first + count;
-            let here = bodies.at(first);
-            let (axes, d) = (here.axes(), here.vector::<T>(OFFSET));
-            let mut joint: (Motion<T>, Wrench<T>) = (here.motion(AXIS), Wrench::zero());
-            for i in 0..count {
+        for (body, &first) in layout.bodies().iter().zip(&places.first) {
+            let axes = bodies.at(first).axes();
+            for i in 0..body.hinge.nv() {
                 let Pivot { gain, inverse } = pivots[body.v + i];
-                joint.1 = Wrench::new(combine(&axes, gain.moment), combine(&axes, gain.force));
-                let mut own = gains.at(first + i);
-                own.set_wrench(GAIN, joint.1);
-                own.set_wrench(MOVED, joint.1);
+                let gain = Wrench::new(combine(&axes, gain.moment), combine(&axes, gain.force));
+                gains.at(first + i).set_wrench(GAIN, gain);
                 inverses[first + i] = inverse;
             }
-            let mut at = Places::group(first, W::COUNT);
-            while at < end {
-                let (from, to) = (first.saturating_sub(at), (end - at).min(W::COUNT));
-                let own = inner.saturating_sub(at).min(W::COUNT);
-                let mut z: Wrench<W> = gains.at(at).wrench(MOVED);
-                for i in 0..count {
-                    let mut innovation;
-                    if count > 1 {
-                        joint = (bodies.at(first + i).motion(AXIS), gains.at(first + i).wrench(GAIN));
-                        innovation = -ground_axes::along::<T, W>(&joint.0, linear, &z).between(from, to);
+        }
+        let mut at = Places::group(places.margin, W::COUNT);
+        while at < places.count {
+            let mut z: Wrench<W> = gains.at(at).wrench(GAIN);
+            for joint in passages.inward(places, at, W::COUNT) {
+                let (from, own, to) = joint.columns(at, W::COUNT);
+                let several = joint.inner > joint.first + 1;
+                for place in joint.first..joint.inner {
+                    let axis = bodies.lane(Table::<T, N>::start(place)).motion(AXIS);
+                    let gain = gains.lane(Table::<T, GAINS>::start(place)).motion(GAIN);
+                    let mut innovation = -ground_axes::along::<T, W>(&axis, joint.linear, &z);
+                    if several {
+                        innovation = innovation.between(from, to);
                         // Axes of the joint that come after this one have no innovation here.
-                        let later = (first + i).saturating_sub(at).min(W::COUNT);
+                        let later = place.saturating_sub(at).min(W::COUNT);
                         innovation -= innovation.between(later, own.max(later));
                     } else {
-                        innovation =
-                            -ground_axes::along::<T, W>(&joint.0, linear, &z).between(own, to.max(own));
+                        innovation = innovation.between(own, to);
                     }
-                    z.moment = vector::<T, W>(joint.1.moment).scale_add(innovation, z.moment);
-                    z.force = vector::<T, W>(joint.1.force).scale_add(innovation, z.force);
-                    innovation.store(&mut operator[(first + i) * s + at..]);
+                    z.moment = vector::<T, W>(gain.angular).scale_add(innovation, z.moment);
+                    z.force = vector::<T, W>(gain.linear).scale_add(innovation, z.force);
+                    innovation.store(&mut operator[place * s + at..]);
                 }
-                if body.parent != GROUND {
-                    let d = inside(vector::<T, W>(d), from, to);
-                    let mut group = gains.at(at);
-                    group.set_vector(MOVED, d.cross_add(z.force, z.moment));
-                    group.set_vector(MOVED + 3, z.force);
+                if joint.parent == GROUND {
+                    continue;
                 }
-                at += W::COUNT;
-            }
-            for i in first..inner {
-                operator[i * s + i] = T::one();
-            }
-            if matches!(body.hinge, Hinge::Free) && body.parent != GROUND {
-                // G = I: the joint passes its own force and nothing of what comes from outboard.
-                for at in first..end {
-                    let mut passed = Wrench::zero();
-                    if at < inner {
-                        let axis = bodies.at(at).motion::<T>(AXIS);
-                        passed = Wrench::new(d.cross_add(axis.linear, axis.angular), axis.linear);
-                    }
-                    gains.at(at).set_wrench(MOVED, passed);
+                let d = bodies.lane(Table::<T, N>::start(joint.first)).vector(OFFSET);
+                if joint.free {
+                    // G = I: the joint passes its own force and nothing of what comes from outboard.
+                    let (d, axes) = (vector::<T, W>(d), bodies.at(at).motion::<W>(AXIS));
+                    let passed = Wrench::new(d.cross_add(axes.linear, axes.angular), axes.linear);
+                    z.moment = z.moment - inside(z.moment, from, to) + inside(passed.moment, from, own);
+                    z.force = z.force - inside(z.force, from, to) + inside(passed.force, from, own);
+                } else {
+                    let d = moving::<T, W>(d, from, to);
+                    z.moment = d.cross_add(z.force, z.moment);
                 }
             }
+            at += W::COUNT;
+        }
+        for place in places.margin..places.count {
+            operator[place * s + place] = T::one();
         }
     }
 }

@@ -21,7 +21,7 @@
 //! zero. Moving to the parent changes the frame of reference by u, and −2B by the composite's mass and first moment times u. So
 //! no speed against the world enters, as in [`crate::kinematics`].
 
-use crate::derivative_columns::{Meet, Meetings};
+use crate::derivative_columns::{Column, Meet, Meetings};
 use crate::error::{DynamicsError, check_length};
 use crate::flexible::{Map, derivatives};
 use crate::ground_axes::{
@@ -63,10 +63,8 @@ pub(crate) const PSI: usize = FORCE + 6;
 pub(crate) const POSITION_RATE: usize = PSI + 3;
 /// Γ.
 pub(crate) const VELOCITY_RATE: usize = POSITION_RATE + 6;
-/// The columns of [`crate::derivative_columns`].
-pub(crate) const COLUMNS: usize = VELOCITY_RATE + 6;
 /// ∂T/∂q of the degree of freedom's own force by its own coordinate.
-pub(crate) const DIAGONAL: usize = COLUMNS + crate::derivative_columns::ROWS;
+pub(crate) const DIAGONAL: usize = VELOCITY_RATE + 6;
 pub(crate) const ROWS: usize = DIAGONAL + 1;
 
 /// Motion of a body, as its children need it.
@@ -240,19 +238,8 @@ impl<T: Scalar> DerivativeSweeps<T> {
             view,
             (CARRIED_OMEGA..ALPHA).chain(COMPOSITE..DRIFT).chain(MOMENT..PSI),
         );
-        let mut at = Places::group(places.margin, W::COUNT);
-        while at < places.count {
-            let mut group = view.at(at);
-            if self.meetings.is_linear(at, W::COUNT) {
-                begin_columns::<T, W, TURNING, true>(&mut group);
-            } else {
-                begin_columns::<T, W, TURNING, false>(&mut group);
-            }
-            at += W::COUNT;
-        }
         let view = self.table.view();
         W::dispatch(Meet::<T, W, TURNING> {
-            layout,
             places,
             view,
             meetings: &mut self.meetings,
@@ -336,11 +323,11 @@ fn gather_inboard<T: Scalar>(layout: &Layout<T::Constant>, places: &Places, view
     }
 }
 
-/// ψ, Ψ, Γ and columns of the degrees of freedom of a group. Without `LINEAR`, no axis has a linear part.
+/// ψ, Ψ and Γ of the degrees of freedom of a group, and their columns. Without `LINEAR`, no axis has a linear part.
 #[inline(always)]
-fn begin_columns<T: Scalar, W: Wide<T>, const TURNING: bool, const LINEAR: bool>(
+pub(crate) fn begin_columns<T: Scalar, W: Wide<T>, const TURNING: bool, const LINEAR: bool>(
     group: &mut Group<'_, T, ROWS>,
-) {
+) -> Column<W> {
     let composite: Composite<W> = Composite::get(group);
     let (s, b): (Vec3<W>, Vec3<W>) =
         (group.vector(AXIS), if LINEAR { group.vector(AXIS + 3) } else { Vec3::zero() });
@@ -376,14 +363,13 @@ fn begin_columns<T: Scalar, W: Wide<T>, const TURNING: bool, const LINEAR: bool>
     group.set_vector(PSI, psi);
     group.set_motion(POSITION_RATE, position);
     group.set_motion(VELOCITY_RATE, velocity);
-    let columns = crate::derivative_columns::Column {
+    Column {
         inertia,
         // The force itself turns and moves with the axis, as the bodies inboard see it.
         position: of_position + turned,
         velocity: of_velocity + composite.gyroscopic(s),
         gyroscopic,
-    };
-    columns.put(group);
+    }
 }
 
 /// A motion in the body's axes, turned.

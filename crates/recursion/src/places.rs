@@ -74,6 +74,11 @@ impl Places {
     pub(crate) fn all_related(&self) -> bool {
         self.all_related
     }
+    /// One past the last place outboard of any of `count` places from `at` on.
+    #[inline(always)]
+    pub(crate) fn outboard_end(&self, at: usize, count: usize) -> usize {
+        self.outboard[at..at + count].iter().fold(0, |end, &other| end.max(other))
+    }
     /// Pairs of a degree of freedom with one that is not inboard of it.
     pub(crate) fn pairs(&self) -> usize {
         (0..self.first.len()).map(|k| (self.end[k] - self.first[k]) * self.own(k).len()).sum()
@@ -320,4 +325,11 @@ pub(crate) fn vector<T: Scalar, W: Wide<T>>(v: Vec3<T>) -> Vec3<W> {
 #[inline(always)]
 pub(crate) fn inside<T: Scalar, W: Wide<T>>(v: Vec3<W>, from: usize, to: usize) -> Vec3<W> {
     Vec3([v.0[0].between(from, to), v.0[1].between(from, to), v.0[2].between(from, to)])
+}
+
+/// What a joint moves columns by, and zero in those that do not move: before column `from`, and from `to` on.
+#[inline(always)]
+pub(crate) fn moving<T: Scalar, W: Wide<T>>(d: Vec3<T>, from: usize, to: usize) -> Vec3<W> {
+    let d = vector::<T, W>(d);
+    if from == 0 && to == W::COUNT { d } else { inside(d, from, to) }
 }

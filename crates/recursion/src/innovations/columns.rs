@@ -10,8 +10,8 @@
 //! About 33 multiplications an entry, where the product with M⁻¹ has one for every degree of freedom that is related to the
 //! column's: this way is for long chains.
 
-use super::{GAIN, Innovations};
-use crate::ground_axes::{AXIS, OFFSET, along};
+use super::{GAIN, GAINS, Innovations};
+use crate::ground_axes::{AXIS, OFFSET, Passages, along};
 use crate::hinge::Hinge;
 use crate::layout::{GROUND, Layout};
 use crate::places::{Places, Table, View, vector};
@@ -102,33 +102,33 @@ impl<T: Scalar> Innovations<T> {
         b: [&[T]; 2],
         mut out: [&mut [T]; 2],
     ) {
-        let Innovations { columns, gains, inverse, linear, .. } = self;
+        let Innovations { columns, gains, inverse, passages, .. } = self;
         let Some(columns) = columns else { return };
         // Four registers hold 24 numbers: only AVX-512 has names for as many.
         let both = size_of::<W>() >= 64;
         let mut at = Places::group(places.margin, T::COLUMNS);
         while at < places.count {
             if both && at + 2 * W::COUNT <= places.count {
-                inward::<T, W, N, SIDE>(layout, places, bodies, gains, linear, columns, b, at);
+                inward::<T, W, N, SIDE>(layout, places, bodies, gains, passages, columns, b, at);
                 outward::<T, W, N, SIDE>(
                     layout,
                     places,
                     bodies,
                     gains,
-                    (inverse, linear),
+                    (inverse, passages),
                     columns,
                     &mut out,
                     at,
                 );
                 at += 2 * W::COUNT;
             } else {
-                inward::<T, W, N, 2>(layout, places, bodies, gains, linear, columns, b, at);
+                inward::<T, W, N, 2>(layout, places, bodies, gains, passages, columns, b, at);
                 outward::<T, W, N, 2>(
                     layout,
                     places,
                     bodies,
                     gains,
-                    (inverse, linear),
+                    (inverse, passages),
                     columns,
                     &mut out,
                     at,
@@ -141,10 +141,10 @@ impl<T: Scalar> Innovations<T> {
 
 /// One degree of freedom: its axis, K, and what `$step` does with it, for axes with a linear part and for those without.
 macro_rules! with_axis {
-    ($bodies:expr, $gains:expr, $linear:expr, $place:expr, |$axis:ident, $gain:ident, $LINEAR:ident| $step:expr) => {
+    ($bodies:expr, $gains:expr, $passages:expr, $place:expr, |$axis:ident, $gain:ident, $LINEAR:ident| $step:expr) => {
         let ($axis, $gain): (Motion<T>, Wrench<T>) =
             ($bodies.at($place).motion(AXIS), $gains.at($place).wrench(GAIN));
-        if $linear[$place] {
+        if $passages.linear($place) {
             const $LINEAR: bool = true;
             $step;
         } else {
@@ -161,8 +161,8 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
     layout: &Layout<T::Constant>,
     places: &Places,
     bodies: &mut View<'_, T, N>,
-    gains: &mut Table<T, 12>,
-    linear: &[bool],
+    gains: &mut Table<T, GAINS>,
+    passages: &Passages,
     columns: &mut Columns<T>,
     b: [&[T]; 2],
     at: usize,
@@ -181,7 +181,7 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
         for place in first..inner {
             let kept = &mut columns.innovations[place * SIDE * T::COLUMNS..][..SIDE * T::COLUMNS];
             let measured = [&b[0][place * s + at..], &b[1][place * s + at..]];
-            with_axis!(bodies, gains, linear, place, |axis, gain, LINEAR| {
+            with_axis!(bodies, gains, passages, place, |axis, gain, LINEAR| {
                 let (moment, force) = (vector::<T, W>(gain.moment), vector::<T, W>(gain.force));
                 for c in 0..C {
                     let measured = W::load(&measured[c % 2][c / 2 * W::COUNT..]);
@@ -217,8 +217,8 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
     layout: &Layout<T::Constant>,
     places: &Places,
     bodies: &mut View<'_, T, N>,
-    gains: &mut Table<T, 12>,
-    (inverse, linear): (&[T], &[bool]),
+    gains: &mut Table<T, GAINS>,
+    (inverse, passages): (&[T], &Passages),
     columns: &mut Columns<T>,
     out: &mut [&mut [T]; 2],
     at: usize,
@@ -244,7 +244,7 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
         for place in (first..inner).rev() {
             let pivot = W::broadcast(inverse[place]);
             let kept = &columns.innovations[place * SIDE * T::COLUMNS..][..SIDE * T::COLUMNS];
-            with_axis!(bodies, gains, linear, place, |axis, gain, LINEAR| {
+            with_axis!(bodies, gains, passages, place, |axis, gain, LINEAR| {
                 let (moment, force) = (vector::<T, W>(gain.moment), vector::<T, W>(gain.force));
                 let (angular, along) = (vector::<T, W>(-axis.angular), vector::<T, W>(-axis.linear));
                 for c in 0..C {

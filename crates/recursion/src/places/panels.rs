@@ -36,7 +36,7 @@ impl Places {
         }
         let mut left = Self::group(self.margin, W::COUNT);
         while left < self.count {
-            let end = self.outboard[left..left + W::COUNT].iter().fold(0, |a, &b| a.max(b));
+            let end = self.outboard_end(left, W::COUNT);
             let hidden = self.margin.saturating_sub(left);
             self.write_tile::<T, W, true>(upper, left, left, hidden, out);
             let mut top = left + W::COUNT;
