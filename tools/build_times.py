@@ -4,7 +4,8 @@
     python3 tools/build_times.py --write          puts it into docs/src/left_out.md
     python3 tools/build_times.py none motion      these features only
 
-Processor time of cargo and all its compilers, not wall time: other work on the machine changes it little. The build without features is
+Processor time of cargo and all its compilers, not wall time: other work on the machine changes it less. Built as in a project that
+depends on phipsi, without optimisation: that of this workspace's own debug builds does not reach it. The build without features is
 made once, in a folder of its own; each feature is then built on top of a copy of it.
 """
 
@@ -24,7 +25,7 @@ FEATURES = ["none", "closure", "hybrid", "freeflight", "formats", "motion", "mol
 
 def build(target: pathlib.Path, feature: str) -> float:
     """Processor seconds of a build into `target`."""
-    command = ["cargo", "build", "-q", "-p", "phipsi", "--no-default-features"]
+    command = ["cargo", "build", "-q", "-p", "phipsi", "--no-default-features", "--config", "profile.dev.opt-level=0"]
     if feature != "none":
         command += ["--features", feature]
     environment = {**os.environ, "CARGO_TARGET_DIR": str(target), "CARGO_INCREMENTAL": "0"}
