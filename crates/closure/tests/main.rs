@@ -2,6 +2,7 @@
 
 mod against_reference;
 mod allocation;
+mod closure_compliance;
 mod flexible;
 mod identities;
 mod mechanisms;
