@@ -6,4 +6,5 @@ mod closure_compliance;
 mod flexible;
 mod identities;
 mod mechanisms;
+mod plain_form;
 mod tree_choice;

@@ -9,7 +9,7 @@
 use super::{Done, Factors};
 use crate::frames::{Frames, weight};
 use crate::number::Arithmetic;
-use crate::structure::{Operation, Structure};
+use crate::structure::{Operation, Passing, Station, Structure};
 use crate::tree::{Joint, Tree, TreeBody};
 use phipsi_recursion::hinge::Hinge;
 use phipsi_recursion::layout::GROUND;
@@ -19,7 +19,7 @@ use phipsi_spatial::{ArticulatedInertia, Real, Scalar, Wrench};
 impl<T: Real> Factors<T> {
     /// Eliminates the joint of a body, or modes; returns what it lets through, in the parent's frame, if there is one.
     #[inline(always)]
-    pub(super) fn join(
+    pub(super) fn join<const PLAIN: bool>(
         &mut self,
         structure: &Structure<T>,
         (layout, tree): (&Layout<T>, &Tree<T>),
@@ -28,12 +28,16 @@ impl<T: Real> Factors<T> {
     ) -> Result<Option<ArticulatedInertia<Arithmetic<T>>>, DynamicsError> {
         let (body, station) = (&tree.bodies[k], &structure.stations[k]);
         let first = match station.join.map(|index| &structure.operations[index]) {
+            _ if PLAIN => 0,
             Some(operation) if operation.in_place => {
                 operation.inputs.first().map_or(0, |(b, _)| self.block_rows[*b])
             }
             Some(operation) => self.stack(structure, operation, Arithmetic::<T>::splat(1.0)),
             None => 0,
         };
+        if PLAIN {
+            self.keep_plain(structure, k);
+        }
         let mut rows = first;
         let mut P = self.inertia[k];
         // What is left of P after the joint, in the parent's frame: by the cheaper passage, where there is one.
@@ -49,12 +53,12 @@ impl<T: Real> Factors<T> {
                 // Common kinds in copies of their own, in which they are constants.
                 let passed = match hinge {
                     Hinge::Revolute => {
-                        self.eliminate_axes(structure, body, &Hinge::Revolute, k, &mut P, first)
+                        self.eliminate_axes::<PLAIN>(structure, body, &Hinge::Revolute, k, &mut P, first)
                     }
                     Hinge::Prismatic => {
-                        self.eliminate_axes(structure, body, &Hinge::Prismatic, k, &mut P, first)
+                        self.eliminate_axes::<PLAIN>(structure, body, &Hinge::Prismatic, k, &mut P, first)
                     }
-                    _ => self.eliminate_axes(structure, body, hinge, k, &mut P, first),
+                    _ => self.eliminate_axes::<PLAIN>(structure, body, hinge, k, &mut P, first),
                 };
                 let passed = passed.map_err(|(i, D)| singular_at(layout, body.v + i, D))?;
                 rows += passed;
@@ -79,7 +83,7 @@ impl<T: Real> Factors<T> {
                 }
             }
         }
-        if let Some(index) = station.join {
+        if let Some(index) = station.join.filter(|_| !PLAIN) {
             self.finish(structure, index, rows);
         }
         Ok(match moved {
@@ -93,7 +97,7 @@ impl<T: Real> Factors<T> {
     /// # Errors
     /// An axis whose pivot is not positive, and the pivot.
     #[inline(always)]
-    fn eliminate_axes(
+    fn eliminate_axes<const PLAIN: bool>(
         &mut self,
         structure: &Structure<T>,
         body: &TreeBody<T>,
@@ -125,7 +129,11 @@ impl<T: Real> Factors<T> {
             }
             (self.xi[at], self.roots[at], self.inverses[at]) = (xi, root, inverse);
             if let Some(operation) = structure.stations[k].join.map(|index| &structure.operations[index]) {
-                self.append(structure, operation, k, i, hinge, xi, inverse, first + passed);
+                if PLAIN {
+                    self.append_plain(structure, k, i, hinge, xi, inverse);
+                } else {
+                    self.append(structure, operation, k, i, hinge, xi, inverse, first + passed);
+                }
             }
             passed += 1;
         }
@@ -176,22 +184,8 @@ impl<T: Real> Factors<T> {
             self.empty_row(operation, row)[first..first + 6].copy_from_slice(&xi.to_array());
         }
         for passing in &station.passes {
-            let (strand, l) = (structure.strands[passing.strand], &structure.loops[passing.of]);
-            for j in 0..l.rows.len() {
-                let c = &mut self.c[strand.first + j];
-                let mut along = hinge.project(i, c);
-                let mut reach = lever::<T>(hinge, i, c);
-                for entry in &station.entries {
-                    if entry.of == passing.of && entry.component == i {
-                        let weighted = entry.coefficient * weight(structure, l, j);
-                        let weighted = weighted.to_arithmetic();
-                        along += weighted;
-                        reach += weighted * weighted;
-                    }
-                }
-                let w = along * inverse;
-                *c -= xi.scale(w);
-                self.squares[l.rows.start + j] += reach * (inverse * inverse);
+            for j in 0..structure.loops[passing.of].rows.len() {
+                let w = self.take_out(structure, station, passing, j, (i, hinge), xi, inverse);
                 match block {
                     Some(block) if operation.in_place => {
                         self.block_w[block.number + row * block.width + passing.column + j] = w;
@@ -200,6 +194,35 @@ impl<T: Real> Factors<T> {
                 }
             }
         }
+    }
+    /// One row of a loop at one degree of freedom: w, which is taken out of C, and what it could be in any direction.
+    #[allow(clippy::too_many_arguments)]
+    #[inline(always)]
+    pub(super) fn take_out(
+        &mut self,
+        structure: &Structure<T>,
+        station: &Station<T>,
+        passing: &Passing,
+        j: usize,
+        (i, hinge): (usize, &Hinge<T>),
+        xi: Wrench<Arithmetic<T>>,
+        inverse: Arithmetic<T>,
+    ) -> Arithmetic<T> {
+        let (strand, l) = (structure.strands[passing.strand], &structure.loops[passing.of]);
+        let c = &mut self.c[strand.first + j];
+        let mut along = hinge.project(i, c);
+        let mut reach = lever::<T>(hinge, i, c);
+        for entry in &station.entries {
+            if entry.of == passing.of && entry.component == i {
+                let weighted = (entry.coefficient * weight(structure, l, j)).to_arithmetic();
+                along += weighted;
+                reach += weighted * weighted;
+            }
+        }
+        let w = along * inverse;
+        *c -= xi.scale(w);
+        self.squares[l.rows.start + j] += reach * (inverse * inverse);
+        w
     }
 }
 

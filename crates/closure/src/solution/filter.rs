@@ -14,7 +14,7 @@ use phipsi_spatial::{Motion, Real, Scalar, Wrench};
 impl<T: Real> Solution<T> {
     /// A term of a row.
     #[inline(always)]
-    fn note(&mut self, row: usize, term: Arithmetic<T>) {
+    pub(super) fn note(&mut self, row: usize, term: Arithmetic<T>) {
         self.sizes[row] = larger(self.sizes[row], size(term));
     }
     /// The blocks that an operation takes, on `self.stack`; returns their rows.
@@ -62,11 +62,22 @@ impl<T: Real> Solution<T> {
     }
     /// Closes a loop at body k: h, and what it adds to z and g.
     #[inline(always)]
-    pub(super) fn close(&mut self, structure: &Structure<T>, factors: &Factors<T>, index: usize, k: usize) {
+    pub(super) fn close<const PLAIN: bool>(
+        &mut self,
+        structure: &Structure<T>,
+        factors: &Factors<T>,
+        index: usize,
+        k: usize,
+    ) {
         let (operation, done) = (&structure.operations[index], &factors.done[index]);
-        let row = self.gather(structure, factors, operation);
-        self.stack[row..done.rows].fill(Arithmetic::<T>::splat(0.0));
-        self.turn(structure, factors, operation, done);
+        if PLAIN {
+            // Forces on the joints are in c already.
+            self.x[..done.rank].fill(Arithmetic::<T>::splat(0.0));
+        } else {
+            let row = self.gather(structure, factors, operation);
+            self.stack[row..done.rows].fill(Arithmetic::<T>::splat(0.0));
+            self.turn(structure, factors, operation, done);
+        }
         let of = operation.closes.unwrap_or(0);
         let rows = structure.loops[of].rows.clone();
         let R = |t: usize, c: usize| factors.matrix[operation.number + t * operation.width + c];
@@ -135,7 +146,7 @@ impl<T: Real> Solution<T> {
     }
     /// The filter at the joint of body k.
     #[inline(always)]
-    pub(super) fn filter(
+    pub(super) fn filter<const PLAIN: bool>(
         &mut self,
         structure: &Structure<T>,
         tree: &Tree<T>,
@@ -163,20 +174,23 @@ impl<T: Real> Solution<T> {
             }
         }
         let a = self.a[k];
-        for &b in &station.waiting {
+        if PLAIN {
+            self.carry_plain(structure, factors, k, a);
+        }
+        for &b in station.waiting.iter().filter(|_| !PLAIN) {
             let block = &structure.blocks[b];
             for i in 0..factors.block_rows[b] {
                 self.zeta[block.row + i] += a.dot(factors.block_x[block.x + i]);
             }
         }
         let a_size = larger(most_of(a.angular) * Arithmetic::<T>::splat(structure.length), most_of(a.linear));
-        for passing in &station.passes {
+        for passing in station.passes.iter().filter(|_| !PLAIN) {
             let along = &frames.along[passing.place];
             let (sum, size) = &mut self.carried[passing.strand];
             *sum += along.motion_to_child(a);
             *size = larger(*size, a_size);
         }
-        let joined = station.join.map(|index| &structure.operations[index]);
+        let joined = station.join.filter(|_| !PLAIN).map(|index| &structure.operations[index]);
         let own = self.enter(structure, factors, joined);
         let z = self.z[k] + factors.inertia[k].times(a);
         // Common kinds in copies of their own, in which they are constants.
@@ -186,7 +200,9 @@ impl<T: Real> Solution<T> {
             Some(hinge) => self.innovate(factors, load, body.v, hinge, own, z),
             None => z,
         };
-        if let Some(index) = station.join.filter(|&index| !structure.operations[index].in_place) {
+        if PLAIN {
+            self.innovate_plain(structure, tree, factors, k);
+        } else if let Some(index) = station.join.filter(|&index| !structure.operations[index].in_place) {
             self.turn(structure, factors, &structure.operations[index], &factors.done[index]);
         }
     }

@@ -55,7 +55,7 @@ impl<T: Real> Solution<T> {
     /// The smoother at the joint of body k, whose parent gives it α⁺.
     #[allow(clippy::too_many_arguments)]
     #[inline(always)]
-    pub(super) fn smooth(
+    pub(super) fn smooth<const PLAIN: bool>(
         &mut self,
         structure: &Structure<T>,
         tree: &Tree<T>,
@@ -66,7 +66,11 @@ impl<T: Real> Solution<T> {
         out: &mut [Arithmetic<T>],
     ) {
         let body = &tree.bodies[k];
-        let own = self.part(structure, factors, k);
+        let own = if PLAIN {
+            self.residuals_plain(structure, tree, factors, k)
+        } else {
+            self.part(structure, factors, k)
+        };
         match body.hinge() {
             Some(Hinge::Revolute) => {
                 self.accelerate(factors, load, body.v, &Hinge::Revolute, own, &mut alpha, out);
@@ -111,7 +115,7 @@ impl<T: Real> Solution<T> {
     }
     /// Residuals and multipliers of a loop that was closed at a body with acceleration `alpha`.
     #[inline(always)]
-    pub(super) fn reopen(
+    pub(super) fn reopen<const PLAIN: bool>(
         &mut self,
         structure: &Structure<T>,
         factors: &Factors<T>,
@@ -124,6 +128,9 @@ impl<T: Real> Solution<T> {
             self.largest = larger(self.largest, size(self.x[t]));
         }
         self.substitute(structure, factors, index, true);
+        if PLAIN {
+            return;
+        }
         let mut row = done.rank;
         if let Some(output) = operation.output {
             let block = structure.blocks[output].row;
