@@ -20,6 +20,7 @@
 use super::{Done, Factors};
 use crate::frames::Frames;
 use crate::number::{Arithmetic, larger};
+use crate::reflections::{GROUP, add_scaled};
 use crate::structure::{LoopKind, Operation, Structure};
 use crate::tree::Tree;
 use phipsi_recursion::hinge::Hinge;
@@ -34,6 +35,7 @@ struct Pair {
     a: usize,
     b: usize,
     rows: usize,
+    /// A whole number of groups in w, where what is too much is zero.
     columns: usize,
     /// First number, and numbers from row to row.
     start: usize,
@@ -47,6 +49,8 @@ pub(crate) struct Front {
     pub(crate) w: usize,
     pub(crate) c: usize,
     pub(crate) width: usize,
+    /// First column of each loop in w: whole groups for each.
+    pub(crate) columns: Vec<usize>,
     pairs: Vec<Pair>,
 }
 
@@ -119,11 +123,19 @@ impl<T: Real> Plain<T> {
         let (mut w, mut c) = (0, 0);
         let mut fronts = Vec::with_capacity(tree.len());
         for (station, body) in structure.stations.iter().zip(&tree.bodies) {
-            let loops: Vec<(usize, usize)> = station.passes.iter().map(|p| (p.of, p.column)).collect();
-            let width = loops.iter().map(|(of, _)| structure.loops[*of].rows.len()).sum();
-            fronts.push(Front { w, c, width, pairs: pairs(&loops) });
+            let first = c;
+            let (mut loops, mut width) = (Vec::new(), 0);
+            for passing in &station.passes {
+                loops.push((passing.of, width));
+                width += structure.loops[passing.of].rows.len().next_multiple_of(GROUP);
+                c += structure.loops[passing.of].rows.len();
+            }
+            let mut front = Front { w, c: first, width, columns: Vec::new(), pairs: pairs(&loops) };
+            front.columns = loops.iter().map(|(_, column)| *column).collect();
+            // A row of the panel has room after its columns: those of C.
+            front.pairs.iter_mut().for_each(|pair| pair.columns = pair.columns.next_multiple_of(GROUP));
+            fronts.push(front);
             w += width * body.nv;
-            c += width;
         }
         let coupled = structure.operations.iter().map(|operation| {
             let Some(of) = operation.closes else { return Coupled::default() };
@@ -185,11 +197,12 @@ impl<T: Real> Factors<T> {
     ) {
         let station = &structure.stations[k];
         let (first, width) = (self.plain.fronts[k].w, self.plain.fronts[k].width);
-        for passing in &station.passes {
+        for (at, passing) in station.passes.iter().enumerate() {
+            let column = self.plain.fronts[k].columns[at];
             let start = structure.loops[passing.of].rows.start;
             for j in 0..structure.loops[passing.of].rows.len() {
                 let w = self.take_out(structure, station, passing, j, (i, hinge), xi, inverse);
-                self.plain.w[first + i * width + passing.column + j] = w;
+                self.plain.w[first + i * width + column + j] = w;
                 self.plain.own[start + j] = w.fma(w, self.plain.own[start + j]);
             }
         }
@@ -198,9 +211,7 @@ impl<T: Real> Factors<T> {
             for row in 0..pair.rows {
                 let factor = w[pair.a + row];
                 let to = &mut self.matrix[pair.start + row * pair.width..][..pair.columns];
-                for (to, w) in to.iter_mut().zip(&w[pair.b..]) {
-                    *to = factor.fma(*w, *to);
-                }
+                add_scaled(to, factor, &w[pair.b..][..pair.columns]);
             }
         }
     }
@@ -292,7 +303,16 @@ impl<T: Real> Factors<T> {
     /// number of pivots. `order` gets the row of the loop that stands in each row, `pivots` their columns.
     #[inline(always)]
     fn factor_plain(&mut self, operation: &Operation, least: f64) -> usize {
-        let (m, width) = (operation.closing, operation.width);
+        // The width of one loop alone, in a copy whose rows are registers.
+        match operation.width {
+            12 => self.factor_known::<12>(operation, least),
+            _ => self.factor_known::<0>(operation, least),
+        }
+    }
+    /// The same for rows of W numbers; of any number with W = 0.
+    #[inline(always)]
+    fn factor_known<const W: usize>(&mut self, operation: &Operation, least: f64) -> usize {
+        let (m, width) = (operation.closing, if W == 0 { operation.width } else { W });
         let a = &mut self.matrix[operation.number..][..m * width];
         let order = &mut self.order[operation.row..][..m];
         let pivots = &mut self.pivots[operation.step..][..m + operation.others];
@@ -321,14 +341,11 @@ impl<T: Real> Factors<T> {
             let root = pivot.sqrt();
             let inverse = root.recip();
             let (upper, lower) = a.split_at_mut((t + 1) * width);
-            let first = &mut upper[t * width..];
+            let first = &mut upper[t * width..][..width];
             first.iter_mut().for_each(|x| *x *= inverse);
             first[column] = root;
             for (row, o) in lower.chunks_exact_mut(width).zip(&order[t + 1..]) {
-                let factor = -first[*o];
-                for (x, above) in row.iter_mut().zip(first.iter()) {
-                    *x = factor.fma(*above, *x);
-                }
+                add_scaled(row, -first[*o], first);
                 row[column] = Arithmetic::<T>::splat(0.0);
             }
         }

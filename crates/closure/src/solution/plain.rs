@@ -45,9 +45,9 @@ impl<T: Real> Solution<T> {
         for i in (0..body.nv).filter(|&i| factors.is_passive(body.v + i)) {
             let w = &factors.plain.w[front.w + i * front.width..][..front.width];
             let s = self.s[body.v + i];
-            for passing in &structure.stations[k].passes {
+            for (passing, column) in structure.stations[k].passes.iter().zip(&front.columns) {
                 for (j, row) in structure.loops[passing.of].rows.clone().enumerate() {
-                    self.g[row] = (-w[passing.column + j]).fma(s, self.g[row]);
+                    self.g[row] = (-w[column + j]).fma(s, self.g[row]);
                 }
             }
         }
@@ -69,9 +69,9 @@ impl<T: Real> Solution<T> {
         for (passed, i) in passive.enumerate() {
             let w = &factors.plain.w[front.w + i * front.width..][..front.width];
             let mut xi = Arithmetic::<T>::splat(0.0);
-            for passing in &structure.stations[k].passes {
+            for (passing, column) in structure.stations[k].passes.iter().zip(&front.columns) {
                 for (j, row) in structure.loops[passing.of].rows.clone().enumerate() {
-                    xi = w[passing.column + j].fma(self.lambda[row], xi);
+                    xi = w[column + j].fma(self.lambda[row], xi);
                 }
             }
             self.stack[passed] = xi;
