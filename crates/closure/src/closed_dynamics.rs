@@ -21,11 +21,13 @@ use motion::Rates;
 use phipsi_model::Model;
 use phipsi_recursion::{InverseDynamics, Layout};
 use phipsi_spatial::{Real, Scalar, Vec3, Wrench};
+use square_root::{Solve, SquareRoot};
 use std::ops::Range;
 
 mod form;
 mod motion;
 mod solved;
+mod square_root;
 
 pub use form::ClosedForm;
 pub use solved::Solved;
@@ -164,6 +166,7 @@ pub struct ClosedDynamics<T: Real> {
     /// The model without its loops.
     pub(crate) model: Model,
     form: ClosedForm,
+    square_root: Option<SquareRoot<T>>,
     omega: Vec<Vec3<Arithmetic<T>>>,
     inverse: InverseDynamics<T>,
     work: Vec<T>,
@@ -195,6 +198,7 @@ impl<T: Real> ClosedDynamics<T> {
             structure,
             model: open,
             form: ClosedForm::Mixed,
+            square_root: None,
         })
     }
     /// The same, where lengths and directions of the model are known to a relative error only: rows that are redundant but for it
@@ -258,7 +262,9 @@ impl<T: Real> ClosedDynamics<T> {
         self.set_position(q, conditions)?;
         let active = conditions.prescribed.map(|p| p.active);
         self.check_passive(active)?;
-        self.factor(active)?;
+        if self.square_root.is_none() {
+            self.factor(active)?;
+        }
         let velocity_error = Arithmetic::<T>::dispatch(Rates { dynamics: self, state: (q, v), conditions });
         let [x, y, z] = self.layout.gravity().0;
         let load = Load {
@@ -266,7 +272,25 @@ impl<T: Real> ClosedDynamics<T> {
             prescribed: conditions.prescribed.map(|p| T::arithmetic(p.acceleration)),
             ground: -Vec3([x.to_arithmetic(), y.to_arithmetic(), z.to_arithmetic()]),
         };
-        self.solution.run(&self.structure, &self.tree, &self.frames, &self.factors, &load, out);
+        match &mut self.square_root {
+            None => {
+                self.solution.run(&self.structure, &self.tree, &self.frames, &self.factors, &load, out);
+            }
+            Some(square_root) => Arithmetic::<T>::dispatch(Solve {
+                square_root,
+                structure: &self.structure,
+                layout: &self.layout,
+                tree: &self.tree,
+                frames: &self.frames,
+                factors: &mut self.factors,
+                solution: &mut self.solution,
+                omega: &self.omega,
+                wrenches: conditions.wrenches,
+                active,
+                load: &load,
+                out: T::arithmetic_mut(out),
+            })?,
+        }
         if let Some(i) = out.iter().position(|x| !x.is_finite()) {
             let (joint, component) = self.layout.joint_of_velocity(i);
             return Err(ClosureError::NotFinite { joint: joint.into(), component, found: out[i].to_f64() });

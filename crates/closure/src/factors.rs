@@ -194,22 +194,7 @@ impl<T: Real> Factors<T> {
         active: Option<&[bool]>,
         regard: Regard<T>,
     ) -> Result<(), DynamicsError> {
-        for (i, passive) in self.passive.iter_mut().enumerate() {
-            *passive = active.is_none_or(|active| !active[i]);
-        }
-        for (P, body) in self.inertia.iter_mut().zip(&tree.bodies) {
-            *P = match body.joint {
-                Joint::Modes(i) => self.modes[i].begin(&frames.held[i]),
-                _ => RigidInertia::constant(&body.inertia).to_articulated(),
-            };
-        }
-        self.squares.fill(Arithmetic::<T>::splat(0.0));
-        // Couplings begin with nothing.
-        self.c.fill(Wrench::zero());
-        self.redundant.clear();
-        self.dropped.fill(false);
-        self.rank = Rank { rank: 0, smallest: f64::INFINITY, gap: f64::INFINITY };
-        self.error = frames.errors.iter().fold(self.data_error, |most: f64, e| most.max(*e));
+        self.clear(tree, frames, active);
         if PLAIN {
             self.clear_plain(structure);
         }
@@ -246,9 +231,29 @@ impl<T: Real> Factors<T> {
         }
         Ok(())
     }
+    /// Before a sweep: no rows, own inertias, which degrees of freedom are passive, and the largest residual.
+    #[inline(always)]
+    pub(crate) fn clear(&mut self, tree: &Tree<T>, frames: &Frames<T>, active: Option<&[bool]>) {
+        for (i, passive) in self.passive.iter_mut().enumerate() {
+            *passive = active.is_none_or(|active| !active[i]);
+        }
+        for (P, body) in self.inertia.iter_mut().zip(&tree.bodies) {
+            *P = match body.joint {
+                Joint::Modes(i) => self.modes[i].begin(&frames.held[i]),
+                _ => RigidInertia::constant(&body.inertia).to_articulated(),
+            };
+        }
+        self.squares.fill(Arithmetic::<T>::splat(0.0));
+        // Couplings begin with nothing.
+        self.c.fill(Wrench::zero());
+        self.redundant.clear();
+        self.dropped.fill(false);
+        self.rank = Rank { rank: 0, smallest: f64::INFINITY, gap: f64::INFINITY };
+        self.error = frames.errors.iter().fold(self.data_error, |most: f64, e| most.max(*e));
+    }
     /// C = C_r of the strands that begin on a body.
     #[inline(always)]
-    fn begin(&mut self, structure: &Structure<T>, frames: &Frames<T>, k: usize) {
+    pub(crate) fn begin(&mut self, structure: &Structure<T>, frames: &Frames<T>, k: usize) {
         for &s in &structure.stations[k].begins {
             let strand = structure.strands[s];
             let side = usize::from(structure.loops[strand.of].strands[1] == Some(s));
@@ -289,7 +294,7 @@ impl<T: Real> Factors<T> {
     }
     /// Closes the loop of an operation at body k, or at the ground.
     #[inline(always)]
-    fn close(&mut self, structure: &Structure<T>, index: usize, k: usize, regard: Regard<T>) {
+    pub(crate) fn close(&mut self, structure: &Structure<T>, index: usize, k: usize, regard: Regard<T>) {
         let operation = &structure.operations[index];
         let of = operation.closes.unwrap_or(0);
         let scale = self.scale(structure.loops[of].rows.clone());
@@ -418,7 +423,13 @@ impl<T: Real> Factors<T> {
     }
     /// Moves what leaves a body to its parent's frame.
     #[inline(always)]
-    fn shift(&mut self, structure: &Structure<T>, frames: &Frames<T>, k: usize, dofs: Range<usize>) {
+    pub(crate) fn shift(
+        &mut self,
+        structure: &Structure<T>,
+        frames: &Frames<T>,
+        k: usize,
+        dofs: impl Iterator<Item = usize>,
+    ) {
         let (station, pose) = (&structure.stations[k], &frames.poses[k]);
         for passing in station.passes.iter().filter(|p| !p.last) {
             let strand = structure.strands[passing.strand];

@@ -159,10 +159,7 @@ impl<T: Real> Solution<T> {
         load: &Load<'_, Arithmetic<T>>,
         out: &mut [Arithmetic<T>],
     ) {
-        for (term, g) in self.sizes.iter_mut().zip(&self.g) {
-            *term = larger(*term, size(*g));
-        }
-        self.carried.fill((Motion::zero(), Arithmetic::<T>::splat(0.0)));
+        self.begin();
         // The ground comes last inward, and first outward.
         let ground = tree.len();
         for k in (0..ground).rev().chain([ground]) {
@@ -192,6 +189,28 @@ impl<T: Real> Solution<T> {
                 }
             }
         }
+        self.sweep_outboard::<PLAIN, false>(structure, tree, frames, factors, load, out);
+    }
+    /// Before a sweep: sizes of the rows' terms, nothing carried.
+    #[inline(always)]
+    pub(crate) fn begin(&mut self) {
+        for (term, g) in self.sizes.iter_mut().zip(&self.g) {
+            *term = larger(*term, size(*g));
+        }
+        self.carried.fill((Motion::zero(), Arithmetic::<T>::splat(0.0)));
+    }
+    /// The smoother; `ASCENDING` where the last degree of freedom of a joint was eliminated first.
+    #[inline(always)]
+    pub(crate) fn sweep_outboard<const PLAIN: bool, const ASCENDING: bool>(
+        &mut self,
+        structure: &Structure<T>,
+        tree: &Tree<T>,
+        frames: &Frames<T>,
+        factors: &Factors<T>,
+        load: &Load<'_, Arithmetic<T>>,
+        out: &mut [Arithmetic<T>],
+    ) {
+        let ground = tree.len();
         self.largest = if PLAIN { self.free(structure, tree) } else { Arithmetic::<T>::splat(0.0) };
         let at_ground = Motion::new(Vec3::zero(), load.ground);
         for k in [ground].into_iter().chain(0..ground) {
@@ -211,7 +230,7 @@ impl<T: Real> Solution<T> {
                     Joint::Modes(i) => {
                         self.smooth_modes(structure, factors, k, (i, body.v, body.nv), inboard, out);
                     }
-                    _ => self.smooth::<PLAIN>(structure, tree, factors, load, k, inboard, out),
+                    _ => self.smooth::<PLAIN, ASCENDING>(structure, tree, factors, load, k, inboard, out),
                 }
                 alpha = self.alpha[k];
             }

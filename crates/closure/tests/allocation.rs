@@ -25,11 +25,13 @@ fn nothing_allocates_after_the_workspace() {
             solved.closure_forces(&mut lambda).unwrap();
             solved.generalized_constraint_force(&mut force).unwrap();
         });
-        let mut auto = ClosedDynamics::<f64>::new(&case.model).unwrap().with_form(ClosedForm::Auto).unwrap();
-        assert_none("plain form", seed, || {
-            let mut solved = auto.run(&q, &v, &case.tau, &conditions, &mut a).unwrap();
-            solved.closure_forces(&mut lambda).unwrap();
-        });
+        for form in [ClosedForm::Auto, ClosedForm::SquareRoot] {
+            let mut other = ClosedDynamics::<f64>::new(&case.model).unwrap().with_form(form).unwrap();
+            assert_none("other forms", seed, || {
+                let mut solved = other.run(&q, &v, &case.tau, &conditions, &mut a).unwrap();
+                solved.closure_forces(&mut lambda).unwrap();
+            });
+        }
         let mut compliance = ClosureCompliance::<f64>::new(&case.model).unwrap();
         let mut omega = vec![0.0; lambda.len() * lambda.len()];
         assert_none("compliance", seed, || compliance.run(&q, &mut omega).unwrap());

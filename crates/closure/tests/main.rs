@@ -7,4 +7,5 @@ mod flexible;
 mod identities;
 mod mechanisms;
 mod plain_form;
+mod square_root_form;
 mod tree_choice;

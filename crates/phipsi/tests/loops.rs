@@ -142,8 +142,18 @@ fn the_plain_form_agrees_with_extended_precision() {
 }
 
 #[test]
+fn the_square_root_form_agrees_with_extended_precision() {
+    for name in NAMES {
+        let ([a, force], _) = check(name, ClosedForm::SquareRoot);
+        assert!(a <= 1e-12, "{name}: accelerations are off by {a:e}");
+        assert!(force <= 1e-12, "{name}: constraint forces are off by {force:e}");
+    }
+}
+
+#[test]
 fn a_nearly_folded_four_bar_keeps_its_digits() {
     folded(ClosedForm::Mixed);
+    folded(ClosedForm::SquareRoot);
 }
 
 /// The plain form above σ = 1e-4; below it the state is redone, and keeps its digits, too.

@@ -1,6 +1,7 @@
 //! The forms of the elimination, and which of them a state is solved in.
 
 use super::ClosedDynamics;
+use super::square_root::SquareRoot;
 use crate::error::ClosureError;
 use crate::factors::{Doubt, Plain, Regard};
 use phipsi_spatial::Real;
@@ -13,27 +14,33 @@ pub enum ClosedForm {
     /// Rows of the loops unsquared, by QR: any rank, down to σ of rounding.
     #[default]
     Mixed,
-    /// Rows of the loops squared, by Cholesky's factorisation: the fastest. Kept are pivots σ² above 1e-8 of their loop's scale;
+    /// Rows of the loops squared, by Cholesky's factorisation: the fewest operations. Kept are pivots σ² above 1e-8 of their loop's scale;
     /// left out are only rows that are zero by themselves. Any other row is an error.
     Plain,
+    /// Bodies as rows of a sum of squares, by QR, and loops as in the mixed form: for heavy bodies on light ones.
+    SquareRoot,
 }
 
 impl<T: Real> ClosedDynamics<T> {
     /// The same, solved in another form by [`ClosedDynamics::run`]; projections and assembly are always mixed, and so are models with
-    /// flexible bodies unless the plain form is demanded, which they refuse.
+    /// flexible bodies unless the plain or the square-root form is demanded, which they refuse.
     ///
     /// # Errors
-    /// [`ClosureError::Dynamics`] for the plain form of a model with flexible bodies.
+    /// [`ClosureError::Dynamics`] for the plain or the square-root form of a model with flexible bodies.
     pub fn with_form(mut self, form: ClosedForm) -> Result<Self, ClosureError> {
-        if form == ClosedForm::Plain {
-            self.layout.check_rigid("ClosedForm::Plain")?;
+        match form {
+            ClosedForm::Plain => self.layout.check_rigid("ClosedForm::Plain")?,
+            ClosedForm::SquareRoot => self.layout.check_rigid("ClosedForm::SquareRoot")?,
+            ClosedForm::Auto | ClosedForm::Mixed => {}
         }
         let rigid = !self.layout.is_flexible();
         self.form = if rigid { form } else { ClosedForm::Mixed };
         self.factors.plain = match self.form {
-            ClosedForm::Mixed => Plain::none(),
+            ClosedForm::Mixed | ClosedForm::SquareRoot => Plain::none(),
             ClosedForm::Auto | ClosedForm::Plain => Plain::new(&self.structure, &self.tree),
         };
+        let square = self.form == ClosedForm::SquareRoot;
+        self.square_root = square.then(|| SquareRoot::new(&self.model, &self.layout));
         Ok(self)
     }
     /// The form that was asked for.
@@ -43,7 +50,7 @@ impl<T: Real> ClosedDynamics<T> {
     /// Factors in the form that was asked for, or in that which is left.
     pub(super) fn factor(&mut self, active: Option<&[bool]>) -> Result<(), ClosureError> {
         let trees = (&self.layout, &self.tree);
-        if self.form != ClosedForm::Mixed {
+        if matches!(self.form, ClosedForm::Auto | ClosedForm::Plain) {
             let doubt = self.factors.update_plain(&self.structure, trees, &self.frames, active)?;
             match doubt {
                 None => return Ok(()),
@@ -59,6 +66,10 @@ impl<T: Real> ClosedDynamics<T> {
     }
     /// The form that the last state was solved in.
     pub(super) fn used_form(&self) -> ClosedForm {
-        if self.factors.plain.used { ClosedForm::Plain } else { ClosedForm::Mixed }
+        match self.form {
+            ClosedForm::SquareRoot => ClosedForm::SquareRoot,
+            _ if self.factors.plain.used => ClosedForm::Plain,
+            _ => ClosedForm::Mixed,
+        }
     }
 }

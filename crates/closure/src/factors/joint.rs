@@ -27,14 +27,7 @@ impl<T: Real> Factors<T> {
         k: usize,
     ) -> Result<Option<ArticulatedInertia<Arithmetic<T>>>, DynamicsError> {
         let (body, station) = (&tree.bodies[k], &structure.stations[k]);
-        let first = match station.join.map(|index| &structure.operations[index]) {
-            _ if PLAIN => 0,
-            Some(operation) if operation.in_place => {
-                operation.inputs.first().map_or(0, |(b, _)| self.block_rows[*b])
-            }
-            Some(operation) => self.stack(structure, operation, Arithmetic::<T>::splat(1.0)),
-            None => 0,
-        };
+        let first = self.first_row::<PLAIN>(structure, k);
         if PLAIN {
             self.keep_plain(structure, k);
         }
@@ -75,11 +68,7 @@ impl<T: Real> Factors<T> {
                 if passed == 6 {
                     // What the subtractions leave is rounding: a free joint lets nothing through.
                     P = ArticulatedInertia::zero();
-                    for passing in &station.passes {
-                        let strand = structure.strands[passing.strand];
-                        let m = structure.loops[passing.of].rows.len();
-                        self.c[strand.first..strand.first + m].fill(Wrench::zero());
-                    }
+                    self.let_nothing_through(structure, k);
                 }
             }
         }
@@ -90,6 +79,65 @@ impl<T: Real> Factors<T> {
             None if body.parent != GROUND => Some(frames.poses[k].articulated_to_parent(&P)),
             moved => moved,
         })
+    }
+    /// Brings what the join of body k takes to its place; returns the first row of its own.
+    #[inline(always)]
+    pub(crate) fn first_row<const PLAIN: bool>(&mut self, structure: &Structure<T>, k: usize) -> usize {
+        match structure.stations[k].join.map(|index| &structure.operations[index]) {
+            _ if PLAIN => 0,
+            Some(operation) if operation.in_place => {
+                operation.inputs.first().map_or(0, |(b, _)| self.block_rows[*b])
+            }
+            Some(operation) => self.stack(structure, operation, Arithmetic::<T>::splat(1.0)),
+            None => 0,
+        }
+    }
+    /// A degree of freedom whose acceleration is given.
+    #[inline(always)]
+    pub(crate) fn prescribe(&mut self, at: usize) {
+        self.xi[at] = Wrench::zero();
+        self.roots[at] = Arithmetic::<T>::splat(0.0);
+        self.inverses[at] = Arithmetic::<T>::splat(0.0);
+    }
+    /// Takes Ξ and U of the i-th degree of freedom at body k as they were found elsewhere, and appends its row.
+    #[inline(always)]
+    pub(crate) fn eliminated(
+        &mut self,
+        structure: &Structure<T>,
+        (k, at, i): (usize, usize, usize),
+        hinge: &Hinge<T>,
+        (xi, root): (Wrench<Arithmetic<T>>, Arithmetic<T>),
+        row: usize,
+    ) {
+        let inverse = root.recip();
+        (self.xi[at], self.roots[at], self.inverses[at]) = (xi, root, inverse);
+        if let Some(operation) = structure.stations[k].join.map(|index| &structure.operations[index]) {
+            self.append(structure, operation, k, i, hinge, xi, inverse, row);
+        }
+    }
+    /// The end of a join whose `passed` degrees of freedom were found elsewhere.
+    #[inline(always)]
+    pub(crate) fn finish_join(&mut self, structure: &Structure<T>, k: usize, passed: usize, rows: usize) {
+        if passed == 6 {
+            self.let_nothing_through(structure, k);
+        }
+        if let Some(index) = structure.stations[k].join {
+            self.finish(structure, index, rows);
+        }
+    }
+    /// C = 0 inboard of a free joint.
+    #[inline(always)]
+    fn let_nothing_through(&mut self, structure: &Structure<T>, k: usize) {
+        for passing in &structure.stations[k].passes {
+            let strand = structure.strands[passing.strand];
+            let m = structure.loops[passing.of].rows.len();
+            self.c[strand.first..strand.first + m].fill(Wrench::zero());
+        }
+    }
+    /// The error of a degree of freedom whose pivot failed.
+    #[inline(never)]
+    pub(crate) fn singular(&self, layout: &Layout<T>, at: usize, inertia: f64) -> DynamicsError {
+        singular_at(layout, at, inertia)
     }
     /// Eliminates the passive axes of a joint one after the other, and appends their rows from `first` on; returns their number.
     /// P is left as it was for the passage of a joint of one axis.
@@ -110,9 +158,7 @@ impl<T: Real> Factors<T> {
         for i in 0..hinge.nv() {
             let at = body.v + i;
             if !self.passive[at] {
-                self.xi[at] = Wrench::zero();
-                self.roots[at] = Arithmetic::<T>::splat(0.0);
-                self.inverses[at] = Arithmetic::<T>::splat(0.0);
+                self.prescribe(at);
                 continue;
             }
             let column = joint_column(P, hinge, i);
