@@ -1,9 +1,10 @@
 //! Accelerations of ladders of four-bars, one state, workspace kept, kinematics included; items are loops. Beside them the same
-//! trees with their loops open, by the recursion of trees.
+//! trees with their loops open, by the recursion of trees; and the compliance of their closures, on ladders of which the m² numbers
+//! fit a cache.
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
-use phipsi_closure::{ClosedDynamics, Conditions};
+use phipsi_closure::{ClosedDynamics, ClosedForm, ClosureCompliance, Conditions};
 use phipsi_model::{Body, Closure, ClosureKind, Inertia, Joint, JointKind, Model, ModelBuilder, Placement};
 use phipsi_recursion::{ForwardDynamics, Layout};
 
@@ -58,11 +59,21 @@ fn state(model: &Model) -> (Vec<f64>, Vec<f64>) {
 
 #[divan::bench(args = LOOPS, min_time = 0.1)]
 fn closed_dynamics(bencher: Bencher<'_, '_>, loops: usize) {
+    in_form(bencher, loops, ClosedForm::Mixed);
+}
+
+#[divan::bench(args = LOOPS, min_time = 0.1)]
+fn plain_form(bencher: Bencher<'_, '_>, loops: usize) {
+    in_form(bencher, loops, ClosedForm::Plain);
+}
+
+fn in_form(bencher: Bencher<'_, '_>, loops: usize, form: ClosedForm) {
     let model = ladder(loops);
     let (q, v) = state(&model);
     let tau = vec![0.1; model.nv()];
     let mut out = tau.clone();
-    let mut work = ClosedDynamics::<f64>::new(&model).expect("a mechanism");
+    let work = ClosedDynamics::<f64>::new(&model).expect("a mechanism");
+    let mut work = work.with_form(form).expect("rigid");
     bencher.counter(ItemsCount::new(loops)).bench_local(|| {
         work.run(&q, &v, &tau, &Conditions::default(), &mut out).expect("regular");
         out[0]
@@ -79,6 +90,18 @@ fn open_tree(bencher: Bencher<'_, '_>, loops: usize) {
     let mut work = ForwardDynamics::new(&layout);
     bencher.counter(ItemsCount::new(loops)).bench_local(|| {
         work.run(&layout, &q, &v, &tau, None, &mut out).expect("regular");
+        out[0]
+    });
+}
+
+#[divan::bench(args = [1, 8, 64], min_time = 0.1)]
+fn closure_compliance(bencher: Bencher<'_, '_>, loops: usize) {
+    let model = ladder(loops);
+    let (q, _) = state(&model);
+    let mut work = ClosureCompliance::<f64>::new(&model).expect("a mechanism");
+    let mut out = vec![0.0; work.rows() * work.rows()];
+    bencher.counter(ItemsCount::new(loops)).bench_local(|| {
+        work.run(&q, &mut out).expect("regular");
         out[0]
     });
 }

@@ -11,7 +11,7 @@
 //! the passive ones. Steps and symbols of the sweeps are in `factors.rs` and `solution.rs`.
 
 use crate::error::{ClosureError, check_length};
-use crate::factors::{Factors, Regard};
+use crate::factors::Factors;
 use crate::frames::Frames;
 use crate::number::Arithmetic;
 use crate::solution::{Inconsistency, Load, Solution};
@@ -21,11 +21,15 @@ use motion::Rates;
 use phipsi_model::Model;
 use phipsi_recursion::{InverseDynamics, Layout};
 use phipsi_spatial::{Real, Scalar, Vec3, Wrench};
+use square_root::{Solve, SquareRoot};
 use std::ops::Range;
 
+mod form;
 mod motion;
 mod solved;
+mod square_root;
 
+pub use form::ClosedForm;
 pub use solved::Solved;
 
 /// Positions, velocities and accelerations that closures are given at this instant: one number per row, rad and m.
@@ -78,7 +82,7 @@ pub struct ClosedInfo {
     pub smallest_pivot: f64,
     /// The smallest ratio of a kept to a dropped pivot of one loop.
     pub gap: f64,
-    /// Relative error to expect of accelerations: ε/σ.
+    /// Relative error to expect of accelerations: ε/σ; of the plain form ε/σ².
     pub error_estimate: f64,
     /// σ below 1e-6, or kept and dropped pivots within a factor of 1000: accelerations are good to about ε/σ.
     pub near_singular: bool,
@@ -88,6 +92,8 @@ pub struct ClosedInfo {
     pub velocity_error: f64,
     /// The worst redundant row that contradicts the others: a prescribed motion that the loops do not allow.
     pub inconsistency: Option<Inconsistency>,
+    /// The form that the state was solved in: mixed or plain.
+    pub form: ClosedForm,
 }
 
 /// Forward dynamics of a model with loops: a workspace, made once; no allocation afterwards.
@@ -102,7 +108,7 @@ pub struct ClosedInfo {
 /// # Method
 /// Gauss' principle: the articulated sweep minimises the joints' residuals subject to the loops' rows, and each loop is closed
 /// in the body in which its branches meet, by a pivoted QR of its unsquared rows. Paper 2 §4.6 (4.20)–(4.23) is the same with
-/// squared rows, for independent loops.
+/// squared rows, for independent loops. [`Self::with_form`] offers a form with squared rows where that is certain about the rank.
 ///
 /// # Cost
 /// O(Σ m_k²) over joints with m_k open rows: linear in bodies and loops where loops are local. Flexible bodies are split into
@@ -159,6 +165,8 @@ pub struct ClosedDynamics<T: Real> {
     pub(crate) origin: Vec<T>,
     /// The model without its loops.
     pub(crate) model: Model,
+    form: ClosedForm,
+    square_root: Option<SquareRoot<T>>,
     omega: Vec<Vec3<Arithmetic<T>>>,
     inverse: InverseDynamics<T>,
     work: Vec<T>,
@@ -189,6 +197,8 @@ impl<T: Real> ClosedDynamics<T> {
             tree,
             structure,
             model: open,
+            form: ClosedForm::Mixed,
+            square_root: None,
         })
     }
     /// The same, where lengths and directions of the model are known to a relative error only: rows that are redundant but for it
@@ -237,7 +247,7 @@ impl<T: Real> ClosedDynamics<T> {
     ///
     /// # Errors
     /// [`ClosureError::Dynamics`]: a length, or a joint without articulated inertia; [`ClosureError::NotFinite`];
-    /// [`ClosureError::PrescribedMode`].
+    /// [`ClosureError::PrescribedMode`]; [`ClosureError::PlainForm`] where only the plain form is allowed.
     pub fn run(
         &mut self,
         q: &[T],
@@ -252,8 +262,9 @@ impl<T: Real> ClosedDynamics<T> {
         self.set_position(q, conditions)?;
         let active = conditions.prescribed.map(|p| p.active);
         self.check_passive(active)?;
-        let trees = (&self.layout, &self.tree);
-        self.factors.update(&self.structure, trees, &self.frames, active, Regard::Error)?;
+        if self.square_root.is_none() {
+            self.factor(active)?;
+        }
         let velocity_error = Arithmetic::<T>::dispatch(Rates { dynamics: self, state: (q, v), conditions });
         let [x, y, z] = self.layout.gravity().0;
         let load = Load {
@@ -261,7 +272,25 @@ impl<T: Real> ClosedDynamics<T> {
             prescribed: conditions.prescribed.map(|p| T::arithmetic(p.acceleration)),
             ground: -Vec3([x.to_arithmetic(), y.to_arithmetic(), z.to_arithmetic()]),
         };
-        self.solution.run(&self.structure, &self.tree, &self.frames, &self.factors, &load, out);
+        match &mut self.square_root {
+            None => {
+                self.solution.run(&self.structure, &self.tree, &self.frames, &self.factors, &load, out);
+            }
+            Some(square_root) => Arithmetic::<T>::dispatch(Solve {
+                square_root,
+                structure: &self.structure,
+                layout: &self.layout,
+                tree: &self.tree,
+                frames: &self.frames,
+                factors: &mut self.factors,
+                solution: &mut self.solution,
+                omega: &self.omega,
+                wrenches: conditions.wrenches,
+                active,
+                load: &load,
+                out: T::arithmetic_mut(out),
+            })?,
+        }
         if let Some(i) = out.iter().position(|x| !x.is_finite()) {
             let (joint, component) = self.layout.joint_of_velocity(i);
             return Err(ClosureError::NotFinite { joint: joint.into(), component, found: out[i].to_f64() });
@@ -317,16 +346,19 @@ impl<T: Real> ClosedDynamics<T> {
     }
     fn info(&self, velocity_error: f64) -> ClosedInfo {
         let rank = self.factors.rank;
+        let form = self.used_form();
+        let squared = if form == ClosedForm::Plain { rank.smallest.min(1.0) } else { 1.0 };
         ClosedInfo {
             rows: self.rows(),
             rank: rank.rank,
             smallest_pivot: rank.smallest,
             gap: rank.gap,
-            error_estimate: T::EPSILON / rank.smallest,
+            error_estimate: T::EPSILON / (rank.smallest * squared),
             near_singular: rank.smallest < 1e-6 || rank.gap < 1e3,
             position_error: largest(&self.frames.residual),
             velocity_error,
             inconsistency: self.solution.inconsistency,
+            form,
         }
     }
     /// Residuals of all rows: Φ − γ, rad and m, and S(ω, ḋ) − γ̇ if velocities are given.

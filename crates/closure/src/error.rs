@@ -34,6 +34,15 @@ pub enum ClosureError {
         /// Its name.
         mode: String,
     },
+    /// A row of which squares do not tell whether it is redundant.
+    PlainForm {
+        /// The closure.
+        closure: String,
+        /// The row of that closure.
+        row: usize,
+        /// Its pivot over the scale of its loop.
+        pivot: f64,
+    },
     /// A number that is not finite.
     NotFinite {
         /// The joint.
@@ -62,6 +71,11 @@ impl fmt::Display for ClosureError {
             ClosureError::PrescribedMode { mode } => write!(
                 f,
                 "mode `{mode}` is prescribed, but modes must be passive; prescribe joints, and make stiff what shall not bend"
+            ),
+            ClosureError::PlainForm { closure, row, pivot } => write!(
+                f,
+                "row {row} of closure `{closure}` has a pivot of {pivot:e}, but the plain form requires more than 1e-4, or a row \
+                 that is zero by itself; solve in the form `Auto` or `Mixed`"
             ),
             ClosureError::NotFinite { joint, component, found } => write!(
                 f,

@@ -29,6 +29,9 @@ use std::ops::Range;
 
 mod joint;
 mod modes;
+mod plain;
+
+pub(crate) use plain::{Doubt, Plain};
 
 /// A row that was found to be implied by others.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,6 +104,8 @@ pub(crate) struct Factors<T: Scalar> {
     sharp: Vec<f64>,
     /// The operation that each block comes from.
     origin: Vec<usize>,
+    /// The plain form, in whose place these factors may be.
+    pub(crate) plain: Plain<T>,
     /// Room for eliminations.
     sums: Vec<Arithmetic<T>>,
     row_sizes: Vec<f64>,
@@ -150,6 +155,7 @@ impl<T: Real> Factors<T> {
             data_error: 0.0,
             sharp: vec![1.0; structure.operations.len()],
             origin: origins(structure),
+            plain: Plain::none(),
             sums: vec![Arithmetic::<T>::splat(0.0); most.1],
             row_sizes: vec![0.0; most.0],
         }
@@ -163,10 +169,24 @@ impl<T: Real> Factors<T> {
         active: Option<&[bool]>,
         regard: Regard<T>,
     ) -> Result<(), DynamicsError> {
+        self.plain.used = false;
         Arithmetic::<T>::dispatch(Update { factors: self, structure, layout, tree, frames, active, regard })
     }
+    /// The same in the plain form, for which there must be room; the doubt on which it was given up, if there is one.
+    pub(crate) fn update_plain(
+        &mut self,
+        structure: &Structure<T>,
+        (layout, tree): (&Layout<T>, &Tree<T>),
+        frames: &Frames<T>,
+        active: Option<&[bool]>,
+    ) -> Result<Option<Doubt>, DynamicsError> {
+        self.plain.used = true;
+        let regard = Regard::Error;
+        Arithmetic::<T>::dispatch(Update { factors: self, structure, layout, tree, frames, active, regard })?;
+        Ok(self.plain.doubt)
+    }
     #[inline(always)]
-    fn sweep(
+    fn sweep<const PLAIN: bool>(
         &mut self,
         structure: &Structure<T>,
         (layout, tree): (&Layout<T>, &Tree<T>),
@@ -174,6 +194,46 @@ impl<T: Real> Factors<T> {
         active: Option<&[bool]>,
         regard: Regard<T>,
     ) -> Result<(), DynamicsError> {
+        self.clear(tree, frames, active);
+        if PLAIN {
+            self.clear_plain(structure);
+        }
+        // The ground comes last.
+        let ground = tree.len();
+        for k in (0..ground).rev().chain([ground]) {
+            self.begin(structure, frames, k);
+            for operation in structure.stations[k].closes.clone() {
+                if PLAIN {
+                    self.close_plain(structure, frames, operation, k);
+                    if self.plain.doubt.is_some() {
+                        return Ok(());
+                    }
+                } else {
+                    self.close(structure, operation, k, regard);
+                }
+            }
+            if k == ground {
+                break;
+            }
+            let moved = self.join::<PLAIN>(structure, (layout, tree), frames, k)?;
+            let body = &tree.bodies[k];
+            if PLAIN {
+                self.shift_plain(structure, frames, k);
+            } else {
+                self.shift(structure, frames, k, body.v..body.v + body.nv);
+            }
+            if let Some(moved) = moved {
+                self.inertia[body.parent] = self.inertia[body.parent] + moved;
+                if let (Some((i, _)), Some(first)) = (body.on, structure.attached[k]) {
+                    self.modes[i].add(&frames.screws[first..], &moved);
+                }
+            }
+        }
+        Ok(())
+    }
+    /// Before a sweep: no rows, own inertias, which degrees of freedom are passive, and the largest residual.
+    #[inline(always)]
+    pub(crate) fn clear(&mut self, tree: &Tree<T>, frames: &Frames<T>, active: Option<&[bool]>) {
         for (i, passive) in self.passive.iter_mut().enumerate() {
             *passive = active.is_none_or(|active| !active[i]);
         }
@@ -190,31 +250,10 @@ impl<T: Real> Factors<T> {
         self.dropped.fill(false);
         self.rank = Rank { rank: 0, smallest: f64::INFINITY, gap: f64::INFINITY };
         self.error = frames.errors.iter().fold(self.data_error, |most: f64, e| most.max(*e));
-        // The ground comes last.
-        let ground = tree.len();
-        for k in (0..ground).rev().chain([ground]) {
-            self.begin(structure, frames, k);
-            for operation in structure.stations[k].closes.clone() {
-                self.close(structure, operation, k, regard);
-            }
-            if k == ground {
-                break;
-            }
-            let moved = self.join(structure, (layout, tree), frames, k)?;
-            let body = &tree.bodies[k];
-            self.shift(structure, frames, k, body.v..body.v + body.nv);
-            if let Some(moved) = moved {
-                self.inertia[body.parent] = self.inertia[body.parent] + moved;
-                if let (Some((i, _)), Some(first)) = (body.on, structure.attached[k]) {
-                    self.modes[i].add(&frames.screws[first..], &moved);
-                }
-            }
-        }
-        Ok(())
     }
     /// C = C_r of the strands that begin on a body.
     #[inline(always)]
-    fn begin(&mut self, structure: &Structure<T>, frames: &Frames<T>, k: usize) {
+    pub(crate) fn begin(&mut self, structure: &Structure<T>, frames: &Frames<T>, k: usize) {
         for &s in &structure.stations[k].begins {
             let strand = structure.strands[s];
             let side = usize::from(structure.loops[strand.of].strands[1] == Some(s));
@@ -255,15 +294,10 @@ impl<T: Real> Factors<T> {
     }
     /// Closes the loop of an operation at body k, or at the ground.
     #[inline(always)]
-    fn close(&mut self, structure: &Structure<T>, index: usize, k: usize, regard: Regard<T>) {
+    pub(crate) fn close(&mut self, structure: &Structure<T>, index: usize, k: usize, regard: Regard<T>) {
         let operation = &structure.operations[index];
         let of = operation.closes.unwrap_or(0);
-        let rows_of = structure.loops[of].rows.clone();
-        let mut square = Arithmetic::<T>::splat(0.0);
-        for x in &self.squares[rows_of] {
-            square = larger(square, *x);
-        }
-        let scale = if square.is_positive() { square.sqrt() } else { Arithmetic::<T>::splat(1.0) };
+        let scale = self.scale(structure.loops[of].rows.clone());
         let mut rows = self.stack(structure, operation, scale.recip());
         let (m, others, width) = (operation.closing, operation.others, operation.width);
         if let Regard::Slack(slack) = regard {
@@ -305,12 +339,28 @@ impl<T: Real> Factors<T> {
             least.min(size(self.matrix[operation.number + t * width + column]).min_lane())
         });
         self.judge(structure, operation, rows, rank, dropped);
+        self.condense(operation, k, rank);
+        self.hand_on(structure, index, rank);
+    }
+    /// s of the rows of a loop.
+    #[inline(always)]
+    fn scale(&self, rows: Range<usize>) -> Arithmetic<T> {
+        let mut square = Arithmetic::<T>::splat(0.0);
+        for x in &self.squares[rows] {
+            square = larger(square, *x);
+        }
+        if square.is_positive() { square.sqrt() } else { Arithmetic::<T>::splat(1.0) }
+    }
+    /// What is left of a closed loop at body k: P += X₁*X₁, C_o += W'_o*X₁.
+    #[inline(always)]
+    fn condense(&mut self, operation: &Operation, k: usize, rank: usize) {
+        let (m, width) = (operation.closing, operation.width);
         for t in 0..rank {
             let x = self.x_row(operation, t);
             if k < self.inertia.len() {
                 self.inertia[k].add_outer(x, Arithmetic::<T>::splat(1.0));
             }
-            // C_o += W'_o* X₁ for the loops that stay open here.
+            // Of the loops that stay open here.
             for &(first, column, rows) in &operation.held {
                 for i in 0..rows {
                     let w = self.matrix[operation.number + t * width + m + column + i];
@@ -319,7 +369,6 @@ impl<T: Real> Factors<T> {
                 }
             }
         }
-        self.hand_on(structure, index, rank);
     }
     /// The weakest pivot of the operations that an operation's blocks come from.
     #[inline(always)]
@@ -374,7 +423,13 @@ impl<T: Real> Factors<T> {
     }
     /// Moves what leaves a body to its parent's frame.
     #[inline(always)]
-    fn shift(&mut self, structure: &Structure<T>, frames: &Frames<T>, k: usize, dofs: Range<usize>) {
+    pub(crate) fn shift(
+        &mut self,
+        structure: &Structure<T>,
+        frames: &Frames<T>,
+        k: usize,
+        dofs: impl Iterator<Item = usize>,
+    ) {
         let (station, pose) = (&structure.stations[k], &frames.poses[k]);
         for passing in station.passes.iter().filter(|p| !p.last) {
             let strand = structure.strands[passing.strand];
@@ -483,6 +538,11 @@ impl<T: Real> Kernel for Update<'_, T> {
     type Output = Result<(), DynamicsError>;
     #[inline(always)]
     fn run(self) -> Self::Output {
-        self.factors.sweep(self.structure, (self.layout, self.tree), self.frames, self.active, self.regard)
+        let Update { factors, structure, layout, tree, frames, active, regard } = self;
+        if factors.plain.used {
+            factors.sweep::<true>(structure, (layout, tree), frames, active, regard)
+        } else {
+            factors.sweep::<false>(structure, (layout, tree), frames, active, regard)
+        }
     }
 }

@@ -13,6 +13,7 @@
 
 pub mod assembly;
 pub mod closed_dynamics;
+pub mod closure_compliance;
 pub mod cut_joints;
 pub mod error;
 mod factors;
@@ -28,7 +29,10 @@ mod tree;
 pub mod tree_choice;
 
 pub use assembly::{PositionProjection, VelocityProjection};
-pub use closed_dynamics::{ClosedDynamics, ClosedInfo, ClosureMotion, Conditions, Prescribed, Solved};
+pub use closed_dynamics::{
+    ClosedDynamics, ClosedForm, ClosedInfo, ClosureMotion, Conditions, Prescribed, Solved,
+};
+pub use closure_compliance::{ClosureCompliance, closure_compliance};
 pub use cut_joints::{Cost, CutChoice, GraphJoint, TreeJoint, choose_cuts};
 pub use error::ClosureError;
 pub use factors::Redundant;

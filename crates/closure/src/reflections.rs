@@ -160,7 +160,7 @@ impl<T: Scalar> Panel<'_, T> {
 
 /// `to` += `factor` · `from`; both are whole numbers of groups, each read before it is written, so that it is one in registers.
 #[inline(always)]
-fn add_scaled<T: Scalar>(to: &mut [T], factor: T, from: &[T]) {
+pub(crate) fn add_scaled<T: Scalar>(to: &mut [T], factor: T, from: &[T]) {
     for (to, from) in to.as_chunks_mut::<GROUP>().0.iter_mut().zip(from.as_chunks::<GROUP>().0) {
         let ([a, b, c, d], [x, y, z, w]) = (*to, *from);
         *to = [factor.fma(x, a), factor.fma(y, b), factor.fma(z, c), factor.fma(w, d)];

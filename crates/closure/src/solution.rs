@@ -23,6 +23,7 @@ use phipsi_spatial::{Kernel, Motion, Real, Scalar, Vec3, Wrench};
 mod filter;
 mod modes;
 mod multipliers;
+mod plain;
 mod smoother;
 
 /// A redundant row whose right-hand side is not what the others imply.
@@ -149,7 +150,7 @@ impl<T: Real> Solution<T> {
         Arithmetic::<T>::dispatch(Run { solution: self, structure, tree, frames, factors, load, out });
     }
     #[inline(always)]
-    fn sweep(
+    fn sweep<const PLAIN: bool>(
         &mut self,
         structure: &Structure<T>,
         tree: &Tree<T>,
@@ -158,16 +159,15 @@ impl<T: Real> Solution<T> {
         load: &Load<'_, Arithmetic<T>>,
         out: &mut [Arithmetic<T>],
     ) {
-        for (term, g) in self.sizes.iter_mut().zip(&self.g) {
-            *term = larger(*term, size(*g));
-        }
-        self.carried.fill((Motion::zero(), Arithmetic::<T>::splat(0.0)));
+        self.begin();
         // The ground comes last inward, and first outward.
         let ground = tree.len();
         for k in (0..ground).rev().chain([ground]) {
             for index in structure.stations[k].closes.clone() {
-                self.take_carried(structure, frames, index);
-                self.close(structure, factors, index, k);
+                if !PLAIN {
+                    self.take_carried(structure, frames, index);
+                }
+                self.close::<PLAIN>(structure, factors, index, k);
             }
             if k == ground {
                 break;
@@ -175,7 +175,7 @@ impl<T: Real> Solution<T> {
             let body = &tree.bodies[k];
             match body.joint {
                 Joint::Modes(i) => self.filter_modes(structure, factors, load, k, (i, body.v, body.nv)),
-                _ => self.filter(structure, tree, frames, factors, load, k),
+                _ => self.filter::<PLAIN>(structure, tree, frames, factors, load, k),
             }
             if body.parent != GROUND {
                 let z = frames.poses[k].wrench_to_parent(self.z[k]);
@@ -189,7 +189,29 @@ impl<T: Real> Solution<T> {
                 }
             }
         }
-        self.largest = Arithmetic::<T>::splat(0.0);
+        self.sweep_outboard::<PLAIN, false>(structure, tree, frames, factors, load, out);
+    }
+    /// Before a sweep: sizes of the rows' terms, nothing carried.
+    #[inline(always)]
+    pub(crate) fn begin(&mut self) {
+        for (term, g) in self.sizes.iter_mut().zip(&self.g) {
+            *term = larger(*term, size(*g));
+        }
+        self.carried.fill((Motion::zero(), Arithmetic::<T>::splat(0.0)));
+    }
+    /// The smoother; `ASCENDING` where the last degree of freedom of a joint was eliminated first.
+    #[inline(always)]
+    pub(crate) fn sweep_outboard<const PLAIN: bool, const ASCENDING: bool>(
+        &mut self,
+        structure: &Structure<T>,
+        tree: &Tree<T>,
+        frames: &Frames<T>,
+        factors: &Factors<T>,
+        load: &Load<'_, Arithmetic<T>>,
+        out: &mut [Arithmetic<T>],
+    ) {
+        let ground = tree.len();
+        self.largest = if PLAIN { self.free(structure, tree) } else { Arithmetic::<T>::splat(0.0) };
         let at_ground = Motion::new(Vec3::zero(), load.ground);
         for k in [ground].into_iter().chain(0..ground) {
             let mut alpha = at_ground;
@@ -208,12 +230,12 @@ impl<T: Real> Solution<T> {
                     Joint::Modes(i) => {
                         self.smooth_modes(structure, factors, k, (i, body.v, body.nv), inboard, out);
                     }
-                    _ => self.smooth(structure, tree, factors, load, k, inboard, out),
+                    _ => self.smooth::<PLAIN, ASCENDING>(structure, tree, factors, load, k, inboard, out),
                 }
                 alpha = self.alpha[k];
             }
             for index in structure.stations[k].closes.clone().rev() {
-                self.reopen(structure, factors, index, alpha);
+                self.reopen::<PLAIN>(structure, factors, index, alpha);
             }
         }
         self.find_inconsistency(structure, frames, factors, load.ground);
@@ -272,7 +294,11 @@ impl<T: Real> Kernel for Run<'_, T> {
     #[inline(always)]
     fn run(self) {
         let Run { solution, structure, tree, frames, factors, load, out } = self;
-        solution.sweep(structure, tree, frames, factors, load, out);
+        if factors.plain.used {
+            solution.sweep::<true>(structure, tree, frames, factors, load, out);
+        } else {
+            solution.sweep::<false>(structure, tree, frames, factors, load, out);
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Workspaces are made once; afterwards nothing allocates. A binary of its own: the counter is the global allocator.
 
 use allocation_counter::measure;
-use phipsi_closure::{ClosedDynamics, Conditions, Projection};
+use phipsi_closure::{ClosedDynamics, ClosedForm, ClosureCompliance, Conditions, Projection};
 use phipsi_reference::loops::closed_case;
 
 fn assert_none(what: &str, seed: u64, run: impl FnOnce()) {
@@ -25,6 +25,16 @@ fn nothing_allocates_after_the_workspace() {
             solved.closure_forces(&mut lambda).unwrap();
             solved.generalized_constraint_force(&mut force).unwrap();
         });
+        for form in [ClosedForm::Auto, ClosedForm::SquareRoot] {
+            let mut other = ClosedDynamics::<f64>::new(&case.model).unwrap().with_form(form).unwrap();
+            assert_none("other forms", seed, || {
+                let mut solved = other.run(&q, &v, &case.tau, &conditions, &mut a).unwrap();
+                solved.closure_forces(&mut lambda).unwrap();
+            });
+        }
+        let mut compliance = ClosureCompliance::<f64>::new(&case.model).unwrap();
+        let mut omega = vec![0.0; lambda.len() * lambda.len()];
+        assert_none("compliance", seed, || compliance.run(&q, &mut omega).unwrap());
         assert_none("velocities", seed, || {
             dynamics.project_velocity(&q, &mut v, &conditions).unwrap();
         });

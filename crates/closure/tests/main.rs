@@ -2,7 +2,10 @@
 
 mod against_reference;
 mod allocation;
+mod closure_compliance;
 mod flexible;
 mod identities;
 mod mechanisms;
+mod plain_form;
+mod square_root_form;
 mod tree_choice;

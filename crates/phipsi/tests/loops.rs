@@ -2,7 +2,7 @@
 //! conventions in its README).
 #![cfg(all(feature = "formats", feature = "closure"))]
 
-use phipsi::closure::{ClosedDynamics, ClosedInfo, Conditions};
+use phipsi::closure::{ClosedDynamics, ClosedForm, ClosedInfo, Conditions};
 use phipsi::formats::urdf::{Mimic, UrdfOptions, read_urdf_file};
 use phipsi::model::{Base, Closure, ClosureKind, Model, ModelBuilder, Placement};
 use phipsi::spatial::{Quaternion, Transform, Vec3};
@@ -79,12 +79,14 @@ fn relative_error(got: &[f64], want: &[f64]) -> f64 {
     got.iter().zip(want).fold(0.0f64, |m, (g, w)| m.max((g - w).abs())) / scale
 }
 
-/// Errors of accelerations and generalised constraint forces, the worst of all samples.
-fn check(name: &str) -> [f64; 2] {
+/// Errors of accelerations and generalised constraint forces, the worst of all samples, and how many of them were solved in the
+/// plain form.
+fn check(name: &str, form: ClosedForm) -> ([f64; 2], usize) {
     let (model, file) = (model(name), read(name));
     let (q_order, v_order) = orders(&model, &file);
-    let mut dynamics = ClosedDynamics::<f64>::new(&model).expect("a mechanism");
-    let mut worst = [0.0f64; 2];
+    let dynamics = ClosedDynamics::<f64>::new(&model).expect("a mechanism");
+    let mut dynamics = dynamics.with_form(form).expect("rigid");
+    let (mut worst, mut plain) = ([0.0f64; 2], 0);
     for sample in file["samples"].as_array().expect("samples") {
         let array = |key: &str| pick(&numbers(&sample[key]), &v_order);
         let q = pick(&numbers(&sample["q"]), &q_order);
@@ -94,28 +96,55 @@ fn check(name: &str) -> [f64; 2] {
         solved.generalized_constraint_force(&mut force).expect("lengths");
         assert_eq!(Some(solved.info().rank as u64), sample["rank"].as_u64(), "{name}: {:?}", solved.info());
         assert_eq!(solved.info().inconsistency, None, "{name}");
+        plain += usize::from(solved.info().form == ClosedForm::Plain);
         worst[0] = worst[0].max(relative_error(&a, &array("ddq_closed_ext")));
         worst[1] = worst[1].max(relative_error(&force, &array("generalized_constraint_force_ext")));
     }
-    println!("{name}: accelerations {:.1e}, generalised constraint force {:.1e}", worst[0], worst[1]);
-    worst
+    println!(
+        "{name}, {form:?}: accelerations {:.1e}, generalised constraint force {:.1e}",
+        worst[0], worst[1]
+    );
+    (worst, plain)
 }
+
+const NAMES: [&str; 9] = [
+    "ladderL_0001",
+    "ladderL_0002",
+    "ladderL_0004",
+    "ladderL_0008",
+    "ladderL_0016",
+    "ladderL_0064",
+    "ladderL_0128",
+    "stewart",
+    "twoarm",
+];
 
 #[test]
 fn loops_agree_with_extended_precision() {
-    for name in [
-        "ladderL_0001",
-        "ladderL_0002",
-        "ladderL_0004",
-        "ladderL_0008",
-        "ladderL_0016",
-        "ladderL_0064",
-        "ladderL_0128",
-        "stewart",
-        "twoarm",
-    ] {
+    for name in NAMES {
         // The files' last digit is 1e-16 of the largest component; 128 loops add up roundings of 384 bodies.
-        let [a, force] = check(name);
+        let ([a, force], plain) = check(name, ClosedForm::Mixed);
+        assert_eq!(plain, 0);
+        assert!(a <= 1e-12, "{name}: accelerations are off by {a:e}");
+        assert!(force <= 1e-12, "{name}: constraint forces are off by {force:e}");
+    }
+}
+
+/// All states of these mechanisms are for the plain form: rows that their trees imply lie along an axis.
+#[test]
+fn the_plain_form_agrees_with_extended_precision() {
+    for name in NAMES {
+        let ([a, force], plain) = check(name, ClosedForm::Auto);
+        assert_eq!(plain, read(name)["samples"].as_array().expect("samples").len(), "{name}");
+        assert!(a <= 1e-12, "{name}: accelerations are off by {a:e}");
+        assert!(force <= 1e-12, "{name}: constraint forces are off by {force:e}");
+    }
+}
+
+#[test]
+fn the_square_root_form_agrees_with_extended_precision() {
+    for name in NAMES {
+        let ([a, force], _) = check(name, ClosedForm::SquareRoot);
         assert!(a <= 1e-12, "{name}: accelerations are off by {a:e}");
         assert!(force <= 1e-12, "{name}: constraint forces are off by {force:e}");
     }
@@ -123,6 +152,17 @@ fn loops_agree_with_extended_precision() {
 
 #[test]
 fn a_nearly_folded_four_bar_keeps_its_digits() {
+    folded(ClosedForm::Mixed);
+    folded(ClosedForm::SquareRoot);
+}
+
+/// The plain form above σ = 1e-4; below it the state is redone, and keeps its digits, too.
+#[test]
+fn a_nearly_folded_four_bar_is_redone_where_squares_lose_it() {
+    folded(ClosedForm::Auto);
+}
+
+fn folded(form: ClosedForm) {
     let (model, file) = (model("ladderL_0001"), read("near_singular_four_bar"));
     let names: Vec<&str> =
         file["order"].as_array().expect("names").iter().map(|n| n.as_str().expect("a name")).collect();
@@ -132,7 +172,8 @@ fn a_nearly_folded_four_bar_keeps_its_digits() {
             names.iter().position(|n| *n == joint.name).expect("the joint")
         })
         .collect();
-    let mut dynamics = ClosedDynamics::<f64>::new(&model).expect("a mechanism");
+    let dynamics = ClosedDynamics::<f64>::new(&model).expect("a mechanism");
+    let mut dynamics = dynamics.with_form(form).expect("rigid");
     for sample in file["samples"].as_array().expect("samples") {
         let theta = sample["theta"].as_f64().expect("an angle");
         let array = |key: &str| pick(&numbers(&sample[key]), &order);
@@ -142,6 +183,8 @@ fn a_nearly_folded_four_bar_keeps_its_digits() {
             .expect("regular");
         let info: ClosedInfo = solved.info();
         let error = relative_error(&a, &array("ddq"));
+        let plain = form == ClosedForm::Auto && info.smallest_pivot > 1e-4;
+        assert_eq!(info.form == ClosedForm::Plain, plain, "{theta:e}: {info:?}");
         println!("crank angle {theta:e}: error {error:.1e}, σ {:.1e}, {info:?}", info.smallest_pivot);
         assert_eq!(info.rank, 2, "{theta:e}: {info:?}");
         assert_eq!(info.near_singular, theta < 2e-6, "{theta:e}: {info:?}");

@@ -16,8 +16,10 @@
 //! A joint of several degrees of freedom is eliminated one after the other, displacements first: rotations are then found
 //! from moments about the centre of mass, however far that is from the frame's origin. Children's rows are reduced to six as they come.
 
-mod body;
-mod rows;
+#[doc(hidden)]
+pub mod body;
+#[doc(hidden)]
+pub mod rows;
 
 use crate::error::{DynamicsError, check_length};
 use crate::kinematics::coriolis;
@@ -25,7 +27,7 @@ use crate::layout::{GROUND, Layout};
 use body::BodyRows;
 use phipsi_model::Model;
 use phipsi_spatial::{Motion, Real, Transform, Vec3, Wrench};
-use rows::{Row, Rows, covector, zero};
+use rows::{Held, Rows, covector, zero};
 
 /// An eliminated degree of freedom: x = (u − r·α⁺)/ρ.
 #[derive(Clone, Copy, Debug)]
@@ -42,8 +44,7 @@ pub struct SquareRootForwardDynamics<T> {
     hinge: Vec<Transform<T>>,
     omega: Vec<Vec3<T>>,
     coriolis: Vec<Motion<T>>,
-    /// What the children of a body let through, six rows at most, and how many.
-    children: Vec<([Row<T>; 6], usize)>,
+    children: Vec<Held<T>>,
     load: Vec<Wrench<T>>,
     linear: Vec<Wrench<T>>,
     alpha: Vec<Motion<T>>,
@@ -178,24 +179,10 @@ impl<T: Real> SquareRootForwardDynamics<T> {
             }
             if body.parent != GROUND {
                 self.linear[body.parent] += self.hinge[k].wrench_to_parent(p);
-                self.hand_over(k, body.parent);
+                self.at_parent.hand_over(&mut self.children[body.parent], &self.hinge[k], self.stack.get());
             }
         }
         Ok(())
-    }
-
-    /// Adds the rows of `stack` to those that the parent has from its other children.
-    fn hand_over(&mut self, k: usize, parent: usize) {
-        let (held, count) = &mut self.children[parent];
-        let at_parent = &mut self.at_parent;
-        at_parent.clear();
-        held[..*count].iter().for_each(|row| at_parent.push(*row));
-        at_parent.push_from_child(&self.hinge[k], self.stack.get());
-        if at_parent.get().len() > 6 {
-            at_parent.compress();
-        }
-        *count = at_parent.get().len().min(6);
-        held[..*count].copy_from_slice(&at_parent.get()[..*count]);
     }
 
     /// Bryson–Frazier smoother.

@@ -11,7 +11,7 @@
 //! D⁻¹ + G* Y⁺ G without them: nothing of Y⁺ cancels. Joints of several degrees of freedom are passed one component after
 //! the other, in the reverse of the order in which the articulated sweep eliminates them.
 
-use crate::articulated_sweep::{ArticulatedSweep, Pivot};
+use crate::articulated_sweep::{ArticulatedSweep, Pivot, filter};
 use crate::error::{DynamicsError, check_length};
 use crate::hinge::each_component;
 use crate::kernel::kernel;
@@ -175,6 +175,46 @@ impl<T: Scalar> Upsilon<T> {
         check_length("workspace", &self.Y, layout.len())?;
         let (q, out) = (T::arithmetic(q), T::arithmetic_mut(out));
         T::Arithmetic::dispatch(Sweeps { work: self, layout, q, out })
+    }
+    /// Y of every body of the layout at another configuration, for [`Upsilon::acceleration`] and [`Upsilon::filter`]; nothing is
+    /// written out.
+    ///
+    /// # Errors
+    /// As [`Upsilon::run`].
+    pub fn update(&mut self, layout: &Layout<T::Constant>, q: &[T]) -> Result<(), DynamicsError> {
+        layout.check_closures()?;
+        layout.check_rigid("upsilon")?;
+        check_length("q", q, layout.nq())?;
+        check_length("workspace", &self.Y, layout.len())?;
+        T::Arithmetic::dispatch(Sweeps { work: self, layout, q: T::arithmetic(q), out: &mut [] })
+    }
+    /// Y(k) f: the acceleration that a wrench on body `k` of the layout alone gives to it; both in the body's frame. Zero on the
+    /// ground.
+    #[inline(always)]
+    pub fn acceleration(&self, k: usize, f: Wrench<T::Arithmetic>) -> Motion<T::Arithmetic> {
+        self.Y.get(k).map_or(Motion::zero(), |Y| Y.times(f))
+    }
+    /// The filter at the joint of body `k` of the layout: φ(p,k) (z + G ε) in the frame of its parent p, with ε = T − H z;
+    /// zero if that is the ground. `residuals`, at least the joint's degrees of freedom, holds T before and D⁻¹ ε after. With
+    /// T = 0 it is ψ(p,k) z.
+    #[inline(always)]
+    pub fn filter(
+        &self,
+        layout: &Layout<T::Constant>,
+        k: usize,
+        mut z: Wrench<T::Arithmetic>,
+        residuals: &mut [T::Arithmetic],
+    ) -> Wrench<T::Arithmetic> {
+        let Some(body) = layout.bodies.get(k) else { return Wrench::zero() };
+        let count = body.hinge.nv();
+        let pivots = self.factors.pivots.get(body.v..body.v + count);
+        if let (Some(pivots), Some(residuals)) = (pivots, residuals.get_mut(..count)) {
+            filter(&body.hinge, pivots, &mut z, residuals);
+        }
+        if body.parent == GROUND {
+            return Wrench::zero();
+        }
+        self.factors.shifts.at(k, body).wrench_to_parent(z)
     }
 }
 

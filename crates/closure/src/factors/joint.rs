@@ -9,7 +9,7 @@
 use super::{Done, Factors};
 use crate::frames::{Frames, weight};
 use crate::number::Arithmetic;
-use crate::structure::{Operation, Structure};
+use crate::structure::{Operation, Passing, Station, Structure};
 use crate::tree::{Joint, Tree, TreeBody};
 use phipsi_recursion::hinge::Hinge;
 use phipsi_recursion::layout::GROUND;
@@ -19,7 +19,7 @@ use phipsi_spatial::{ArticulatedInertia, Real, Scalar, Wrench};
 impl<T: Real> Factors<T> {
     /// Eliminates the joint of a body, or modes; returns what it lets through, in the parent's frame, if there is one.
     #[inline(always)]
-    pub(super) fn join(
+    pub(super) fn join<const PLAIN: bool>(
         &mut self,
         structure: &Structure<T>,
         (layout, tree): (&Layout<T>, &Tree<T>),
@@ -27,13 +27,10 @@ impl<T: Real> Factors<T> {
         k: usize,
     ) -> Result<Option<ArticulatedInertia<Arithmetic<T>>>, DynamicsError> {
         let (body, station) = (&tree.bodies[k], &structure.stations[k]);
-        let first = match station.join.map(|index| &structure.operations[index]) {
-            Some(operation) if operation.in_place => {
-                operation.inputs.first().map_or(0, |(b, _)| self.block_rows[*b])
-            }
-            Some(operation) => self.stack(structure, operation, Arithmetic::<T>::splat(1.0)),
-            None => 0,
-        };
+        let first = self.first_row::<PLAIN>(structure, k);
+        if PLAIN {
+            self.keep_plain(structure, k);
+        }
         let mut rows = first;
         let mut P = self.inertia[k];
         // What is left of P after the joint, in the parent's frame: by the cheaper passage, where there is one.
@@ -49,12 +46,12 @@ impl<T: Real> Factors<T> {
                 // Common kinds in copies of their own, in which they are constants.
                 let passed = match hinge {
                     Hinge::Revolute => {
-                        self.eliminate_axes(structure, body, &Hinge::Revolute, k, &mut P, first)
+                        self.eliminate_axes::<PLAIN>(structure, body, &Hinge::Revolute, k, &mut P, first)
                     }
                     Hinge::Prismatic => {
-                        self.eliminate_axes(structure, body, &Hinge::Prismatic, k, &mut P, first)
+                        self.eliminate_axes::<PLAIN>(structure, body, &Hinge::Prismatic, k, &mut P, first)
                     }
-                    _ => self.eliminate_axes(structure, body, hinge, k, &mut P, first),
+                    _ => self.eliminate_axes::<PLAIN>(structure, body, hinge, k, &mut P, first),
                 };
                 let passed = passed.map_err(|(i, D)| singular_at(layout, body.v + i, D))?;
                 rows += passed;
@@ -71,15 +68,11 @@ impl<T: Real> Factors<T> {
                 if passed == 6 {
                     // What the subtractions leave is rounding: a free joint lets nothing through.
                     P = ArticulatedInertia::zero();
-                    for passing in &station.passes {
-                        let strand = structure.strands[passing.strand];
-                        let m = structure.loops[passing.of].rows.len();
-                        self.c[strand.first..strand.first + m].fill(Wrench::zero());
-                    }
+                    self.let_nothing_through(structure, k);
                 }
             }
         }
-        if let Some(index) = station.join {
+        if let Some(index) = station.join.filter(|_| !PLAIN) {
             self.finish(structure, index, rows);
         }
         Ok(match moved {
@@ -87,13 +80,72 @@ impl<T: Real> Factors<T> {
             moved => moved,
         })
     }
+    /// Brings what the join of body k takes to its place; returns the first row of its own.
+    #[inline(always)]
+    pub(crate) fn first_row<const PLAIN: bool>(&mut self, structure: &Structure<T>, k: usize) -> usize {
+        match structure.stations[k].join.map(|index| &structure.operations[index]) {
+            _ if PLAIN => 0,
+            Some(operation) if operation.in_place => {
+                operation.inputs.first().map_or(0, |(b, _)| self.block_rows[*b])
+            }
+            Some(operation) => self.stack(structure, operation, Arithmetic::<T>::splat(1.0)),
+            None => 0,
+        }
+    }
+    /// A degree of freedom whose acceleration is given.
+    #[inline(always)]
+    pub(crate) fn prescribe(&mut self, at: usize) {
+        self.xi[at] = Wrench::zero();
+        self.roots[at] = Arithmetic::<T>::splat(0.0);
+        self.inverses[at] = Arithmetic::<T>::splat(0.0);
+    }
+    /// Takes Ξ and U of the i-th degree of freedom at body k as they were found elsewhere, and appends its row.
+    #[inline(always)]
+    pub(crate) fn eliminated(
+        &mut self,
+        structure: &Structure<T>,
+        (k, at, i): (usize, usize, usize),
+        hinge: &Hinge<T>,
+        (xi, root): (Wrench<Arithmetic<T>>, Arithmetic<T>),
+        row: usize,
+    ) {
+        let inverse = root.recip();
+        (self.xi[at], self.roots[at], self.inverses[at]) = (xi, root, inverse);
+        if let Some(operation) = structure.stations[k].join.map(|index| &structure.operations[index]) {
+            self.append(structure, operation, k, i, hinge, xi, inverse, row);
+        }
+    }
+    /// The end of a join whose `passed` degrees of freedom were found elsewhere.
+    #[inline(always)]
+    pub(crate) fn finish_join(&mut self, structure: &Structure<T>, k: usize, passed: usize, rows: usize) {
+        if passed == 6 {
+            self.let_nothing_through(structure, k);
+        }
+        if let Some(index) = structure.stations[k].join {
+            self.finish(structure, index, rows);
+        }
+    }
+    /// C = 0 inboard of a free joint.
+    #[inline(always)]
+    fn let_nothing_through(&mut self, structure: &Structure<T>, k: usize) {
+        for passing in &structure.stations[k].passes {
+            let strand = structure.strands[passing.strand];
+            let m = structure.loops[passing.of].rows.len();
+            self.c[strand.first..strand.first + m].fill(Wrench::zero());
+        }
+    }
+    /// The error of a degree of freedom whose pivot failed.
+    #[inline(never)]
+    pub(crate) fn singular(&self, layout: &Layout<T>, at: usize, inertia: f64) -> DynamicsError {
+        singular_at(layout, at, inertia)
+    }
     /// Eliminates the passive axes of a joint one after the other, and appends their rows from `first` on; returns their number.
     /// P is left as it was for the passage of a joint of one axis.
     ///
     /// # Errors
     /// An axis whose pivot is not positive, and the pivot.
     #[inline(always)]
-    fn eliminate_axes(
+    fn eliminate_axes<const PLAIN: bool>(
         &mut self,
         structure: &Structure<T>,
         body: &TreeBody<T>,
@@ -106,9 +158,7 @@ impl<T: Real> Factors<T> {
         for i in 0..hinge.nv() {
             let at = body.v + i;
             if !self.passive[at] {
-                self.xi[at] = Wrench::zero();
-                self.roots[at] = Arithmetic::<T>::splat(0.0);
-                self.inverses[at] = Arithmetic::<T>::splat(0.0);
+                self.prescribe(at);
                 continue;
             }
             let column = joint_column(P, hinge, i);
@@ -125,7 +175,11 @@ impl<T: Real> Factors<T> {
             }
             (self.xi[at], self.roots[at], self.inverses[at]) = (xi, root, inverse);
             if let Some(operation) = structure.stations[k].join.map(|index| &structure.operations[index]) {
-                self.append(structure, operation, k, i, hinge, xi, inverse, first + passed);
+                if PLAIN {
+                    self.append_plain(structure, k, i, hinge, xi, inverse);
+                } else {
+                    self.append(structure, operation, k, i, hinge, xi, inverse, first + passed);
+                }
             }
             passed += 1;
         }
@@ -176,22 +230,8 @@ impl<T: Real> Factors<T> {
             self.empty_row(operation, row)[first..first + 6].copy_from_slice(&xi.to_array());
         }
         for passing in &station.passes {
-            let (strand, l) = (structure.strands[passing.strand], &structure.loops[passing.of]);
-            for j in 0..l.rows.len() {
-                let c = &mut self.c[strand.first + j];
-                let mut along = hinge.project(i, c);
-                let mut reach = lever::<T>(hinge, i, c);
-                for entry in &station.entries {
-                    if entry.of == passing.of && entry.component == i {
-                        let weighted = entry.coefficient * weight(structure, l, j);
-                        let weighted = weighted.to_arithmetic();
-                        along += weighted;
-                        reach += weighted * weighted;
-                    }
-                }
-                let w = along * inverse;
-                *c -= xi.scale(w);
-                self.squares[l.rows.start + j] += reach * (inverse * inverse);
+            for j in 0..structure.loops[passing.of].rows.len() {
+                let w = self.take_out(structure, station, passing, j, (i, hinge), xi, inverse);
                 match block {
                     Some(block) if operation.in_place => {
                         self.block_w[block.number + row * block.width + passing.column + j] = w;
@@ -200,6 +240,35 @@ impl<T: Real> Factors<T> {
                 }
             }
         }
+    }
+    /// One row of a loop at one degree of freedom: w, which is taken out of C, and what it could be in any direction.
+    #[allow(clippy::too_many_arguments)]
+    #[inline(always)]
+    pub(super) fn take_out(
+        &mut self,
+        structure: &Structure<T>,
+        station: &Station<T>,
+        passing: &Passing,
+        j: usize,
+        (i, hinge): (usize, &Hinge<T>),
+        xi: Wrench<Arithmetic<T>>,
+        inverse: Arithmetic<T>,
+    ) -> Arithmetic<T> {
+        let (strand, l) = (structure.strands[passing.strand], &structure.loops[passing.of]);
+        let c = &mut self.c[strand.first + j];
+        let mut along = hinge.project(i, c);
+        let mut reach = lever::<T>(hinge, i, c);
+        for entry in &station.entries {
+            if entry.of == passing.of && entry.component == i {
+                let weighted = (entry.coefficient * weight(structure, l, j)).to_arithmetic();
+                along += weighted;
+                reach += weighted * weighted;
+            }
+        }
+        let w = along * inverse;
+        *c -= xi.scale(w);
+        self.squares[l.rows.start + j] += reach * (inverse * inverse);
+        w
     }
 }
 

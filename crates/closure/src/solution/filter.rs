@@ -14,7 +14,7 @@ use phipsi_spatial::{Motion, Real, Scalar, Wrench};
 impl<T: Real> Solution<T> {
     /// A term of a row.
     #[inline(always)]
-    fn note(&mut self, row: usize, term: Arithmetic<T>) {
+    pub(super) fn note(&mut self, row: usize, term: Arithmetic<T>) {
         self.sizes[row] = larger(self.sizes[row], size(term));
     }
     /// The blocks that an operation takes, on `self.stack`; returns their rows.
@@ -45,7 +45,7 @@ impl<T: Real> Solution<T> {
     }
     /// g −= C_r a of all bodies of a loop.
     #[inline(always)]
-    pub(super) fn take_carried(&mut self, structure: &Structure<T>, frames: &Frames<T>, index: usize) {
+    pub(crate) fn take_carried(&mut self, structure: &Structure<T>, frames: &Frames<T>, index: usize) {
         let Some(of) = structure.operations[index].closes else { return };
         let l = &structure.loops[of];
         if matches!(l.kind, LoopKind::Gear { .. }) {
@@ -62,11 +62,22 @@ impl<T: Real> Solution<T> {
     }
     /// Closes a loop at body k: h, and what it adds to z and g.
     #[inline(always)]
-    pub(super) fn close(&mut self, structure: &Structure<T>, factors: &Factors<T>, index: usize, k: usize) {
+    pub(crate) fn close<const PLAIN: bool>(
+        &mut self,
+        structure: &Structure<T>,
+        factors: &Factors<T>,
+        index: usize,
+        k: usize,
+    ) {
         let (operation, done) = (&structure.operations[index], &factors.done[index]);
-        let row = self.gather(structure, factors, operation);
-        self.stack[row..done.rows].fill(Arithmetic::<T>::splat(0.0));
-        self.turn(structure, factors, operation, done);
+        if PLAIN {
+            // Forces on the joints are in c already.
+            self.x[..done.rank].fill(Arithmetic::<T>::splat(0.0));
+        } else {
+            let row = self.gather(structure, factors, operation);
+            self.stack[row..done.rows].fill(Arithmetic::<T>::splat(0.0));
+            self.turn(structure, factors, operation, done);
+        }
         let of = operation.closes.unwrap_or(0);
         let rows = structure.loops[of].rows.clone();
         let R = |t: usize, c: usize| factors.matrix[operation.number + t * operation.width + c];
@@ -135,7 +146,7 @@ impl<T: Real> Solution<T> {
     }
     /// The filter at the joint of body k.
     #[inline(always)]
-    pub(super) fn filter(
+    pub(super) fn filter<const PLAIN: bool>(
         &mut self,
         structure: &Structure<T>,
         tree: &Tree<T>,
@@ -145,10 +156,39 @@ impl<T: Real> Solution<T> {
         k: usize,
     ) {
         let (body, station) = (&tree.bodies[k], &structure.stations[k]);
-        let o = Arithmetic::<T>::splat(0.0);
+        let hinge = body.hinge();
+        let a = self.carry::<PLAIN>(structure, tree, frames, factors, load, k);
+        let joined = station.join.filter(|_| !PLAIN).map(|index| &structure.operations[index]);
+        let own = self.enter(structure, factors, joined);
+        let z = self.z[k] + factors.inertia[k].times(a);
+        // Common kinds in copies of their own, in which they are constants.
+        self.z[k] = match hinge {
+            Some(Hinge::Revolute) => self.innovate(factors, load, body.v, &Hinge::Revolute, own, z),
+            Some(Hinge::Prismatic) => self.innovate(factors, load, body.v, &Hinge::Prismatic, own, z),
+            Some(hinge) => self.innovate(factors, load, body.v, hinge, own, z),
+            None => z,
+        };
+        if PLAIN {
+            self.innovate_plain(structure, tree, factors, k);
+        } else if let Some(index) = station.join.filter(|&index| !structure.operations[index].in_place) {
+            self.turn(structure, factors, &structure.operations[index], &factors.done[index]);
+        }
+    }
+    /// Prescribed accelerations join a, and a goes into ζ, g and what strands carry; returns it.
+    #[inline(always)]
+    pub(crate) fn carry<const PLAIN: bool>(
+        &mut self,
+        structure: &Structure<T>,
+        tree: &Tree<T>,
+        frames: &Frames<T>,
+        factors: &Factors<T>,
+        load: &Load<'_, Arithmetic<T>>,
+        k: usize,
+    ) -> Motion<Arithmetic<T>> {
+        let (body, station) = (&tree.bodies[k], &structure.stations[k]);
         let hinge = body.hinge();
         if let Some(prescribed) = load.prescribed {
-            for i in (0..body.nv).filter(|&i| factors.roots[body.v + i] == o) {
+            for i in (0..body.nv).filter(|&i| !factors.is_passive(body.v + i)) {
                 let acceleration = prescribed[body.v + i];
                 if let Some(hinge) = hinge {
                     hinge.add_axis(i, acceleration, &mut self.a[k]);
@@ -163,32 +203,51 @@ impl<T: Real> Solution<T> {
             }
         }
         let a = self.a[k];
-        for &b in &station.waiting {
+        if PLAIN {
+            self.carry_plain(structure, factors, k, a);
+        }
+        for &b in station.waiting.iter().filter(|_| !PLAIN) {
             let block = &structure.blocks[b];
             for i in 0..factors.block_rows[b] {
                 self.zeta[block.row + i] += a.dot(factors.block_x[block.x + i]);
             }
         }
         let a_size = larger(most_of(a.angular) * Arithmetic::<T>::splat(structure.length), most_of(a.linear));
-        for passing in &station.passes {
+        for passing in station.passes.iter().filter(|_| !PLAIN) {
             let along = &frames.along[passing.place];
             let (sum, size) = &mut self.carried[passing.strand];
             *sum += along.motion_to_child(a);
             *size = larger(*size, a_size);
         }
-        let joined = station.join.map(|index| &structure.operations[index]);
-        let own = self.enter(structure, factors, joined);
-        let z = self.z[k] + factors.inertia[k].times(a);
-        // Common kinds in copies of their own, in which they are constants.
-        self.z[k] = match hinge {
-            Some(Hinge::Revolute) => self.innovate(factors, load, body.v, &Hinge::Revolute, own, z),
-            Some(Hinge::Prismatic) => self.innovate(factors, load, body.v, &Hinge::Prismatic, own, z),
-            Some(hinge) => self.innovate(factors, load, body.v, hinge, own, z),
-            None => z,
-        };
-        if let Some(index) = station.join.filter(|&index| !structure.operations[index].in_place) {
+        a
+    }
+    /// s of a degree of freedom that was eliminated elsewhere.
+    #[inline(always)]
+    pub(crate) fn set_innovation(&mut self, at: usize, s: Arithmetic<T>) {
+        self.s[at] = s;
+    }
+    /// Brings s of the passive ones among some degrees of freedom of body k, in the order of their elimination, into its front.
+    #[inline(always)]
+    pub(crate) fn enter_innovations(
+        &mut self,
+        structure: &Structure<T>,
+        factors: &Factors<T>,
+        k: usize,
+        dofs: impl Iterator<Item = usize>,
+    ) {
+        let join = structure.stations[k].join;
+        let own = self.enter(structure, factors, join.map(|index| &structure.operations[index]));
+        for (passed, at) in dofs.filter(|&at| factors.is_passive(at)).enumerate() {
+            self.set_residual(own, passed, -self.s[at]);
+        }
+        if let Some(index) = join.filter(|&index| !structure.operations[index].in_place) {
             self.turn(structure, factors, &structure.operations[index], &factors.done[index]);
         }
+    }
+    /// ζ₁ + h of a row of a closing.
+    #[inline(always)]
+    pub(crate) fn first(&self, operation: &Operation, row: usize) -> Arithmetic<T> {
+        self.first[operation.row + row]
     }
     /// s and ζ of the passive axes of a joint whose degrees of freedom begin at `first`; returns what it hands on of z.
     #[inline(always)]

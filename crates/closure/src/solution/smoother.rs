@@ -55,7 +55,7 @@ impl<T: Real> Solution<T> {
     /// The smoother at the joint of body k, whose parent gives it α⁺.
     #[allow(clippy::too_many_arguments)]
     #[inline(always)]
-    pub(super) fn smooth(
+    pub(super) fn smooth<const PLAIN: bool, const ASCENDING: bool>(
         &mut self,
         structure: &Structure<T>,
         tree: &Tree<T>,
@@ -66,15 +66,19 @@ impl<T: Real> Solution<T> {
         out: &mut [Arithmetic<T>],
     ) {
         let body = &tree.bodies[k];
-        let own = self.part(structure, factors, k);
+        let own = if PLAIN {
+            self.residuals_plain(structure, tree, factors, k)
+        } else {
+            self.part(structure, factors, k)
+        };
         match body.hinge() {
             Some(Hinge::Revolute) => {
-                self.accelerate(factors, load, body.v, &Hinge::Revolute, own, &mut alpha, out);
+                self.accelerate::<ASCENDING>(factors, load, body.v, &Hinge::Revolute, own, &mut alpha, out);
             }
             Some(Hinge::Prismatic) => {
-                self.accelerate(factors, load, body.v, &Hinge::Prismatic, own, &mut alpha, out);
+                self.accelerate::<ASCENDING>(factors, load, body.v, &Hinge::Prismatic, own, &mut alpha, out);
             }
-            Some(hinge) => self.accelerate(factors, load, body.v, hinge, own, &mut alpha, out),
+            Some(hinge) => self.accelerate::<ASCENDING>(factors, load, body.v, hinge, own, &mut alpha, out),
             None => {}
         }
         self.alpha[k] = alpha + self.a[k];
@@ -82,7 +86,7 @@ impl<T: Real> Solution<T> {
     /// Accelerations of a joint whose degrees of freedom begin at `first`, added to that of its inboard side.
     #[allow(clippy::too_many_arguments)]
     #[inline(always)]
-    fn accelerate(
+    fn accelerate<const ASCENDING: bool>(
         &self,
         factors: &Factors<T>,
         load: &Load<'_, Arithmetic<T>>,
@@ -98,7 +102,9 @@ impl<T: Real> Solution<T> {
         for at in dofs.clone() {
             passed += usize::from(factors.roots[at] != o);
         }
-        for at in dofs.rev() {
+        let last = dofs.end + dofs.start;
+        for at in dofs {
+            let at = if ASCENDING { at } else { last - 1 - at };
             if factors.roots[at] == o {
                 out[at] = load.prescribed.map_or(o, |a| a[at]);
                 continue;
@@ -111,7 +117,7 @@ impl<T: Real> Solution<T> {
     }
     /// Residuals and multipliers of a loop that was closed at a body with acceleration `alpha`.
     #[inline(always)]
-    pub(super) fn reopen(
+    pub(super) fn reopen<const PLAIN: bool>(
         &mut self,
         structure: &Structure<T>,
         factors: &Factors<T>,
@@ -124,6 +130,9 @@ impl<T: Real> Solution<T> {
             self.largest = larger(self.largest, size(self.x[t]));
         }
         self.substitute(structure, factors, index, true);
+        if PLAIN {
+            return;
+        }
         let mut row = done.rank;
         if let Some(output) = operation.output {
             let block = structure.blocks[output].row;

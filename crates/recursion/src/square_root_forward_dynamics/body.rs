@@ -15,7 +15,7 @@ use phipsi_spatial::{Dd, Mat3, Quaternion, Real, Scalar, Sym3, Transform, Vec3, 
 
 /// What a body puts under the sum of squares.
 #[derive(Clone, Debug)]
-pub(super) struct BodyRows<T> {
+pub struct BodyRows<T> {
     axes: [Vec3<T>; 3],
     /// √λ.
     roots: [T; 3],
@@ -29,7 +29,7 @@ pub(super) struct BodyRows<T> {
 
 impl<T: Real> BodyRows<T> {
     /// For every body of a layout of the model.
-    pub(super) fn of_layout(model: &Model, layout: &Layout<T>) -> Vec<Self> {
+    pub fn of_layout(model: &Model, layout: &Layout<T>) -> Vec<Self> {
         let mut parts: Vec<Vec<(usize, Transform<Dd>)>> = vec![Vec::new(); layout.len()];
         for (k, carrier) in layout.carriers().iter().enumerate() {
             if let Some(parts) = parts.get_mut(carrier.body)
@@ -87,7 +87,7 @@ impl<T: Real> BodyRows<T> {
     /// Calls `push` with every row, at angular velocity `omega` and under the opposite `load` of an external wrench, both in
     /// the body's frame; returns the part of gyroscopic and external forces that no row can carry, for want of inertia.
     #[inline(always)]
-    pub(super) fn rows(&self, omega: Vec3<T>, load: Wrench<T>, mut push: impl FnMut(Row<T>)) -> Wrench<T> {
+    pub fn rows(&self, omega: Vec3<T>, load: Wrench<T>, mut push: impl FnMut(Row<T>)) -> Wrench<T> {
         let o = T::zero();
         let moment = load.moment - self.center.cross(load.force);
         let spin = self.axes.map(|e| e.dot(omega));

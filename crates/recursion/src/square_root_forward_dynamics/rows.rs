@@ -11,10 +11,13 @@
 use phipsi_spatial::{Real, Transform, Vec3, Wrench};
 
 /// One row: six entries of S, one of y, and the sizes of the terms that its angular and its linear entries are sums of.
-pub(super) type Row<T> = [T; 9];
+pub type Row<T> = [T; 9];
+
+/// What the children of a body let through: six rows at most, and how many.
+pub type Held<T> = ([Row<T>; 6], usize);
 
 /// No entries.
-pub(super) fn zero<T: Real>() -> Row<T> {
+pub fn zero<T: Real>() -> Row<T> {
     [T::zero(); 9]
 }
 
@@ -26,7 +29,7 @@ const CAPACITY: usize = 12;
 
 /// The first six entries, which move between frames as a wrench does.
 #[inline(always)]
-pub(super) fn covector<T: Real>(row: &Row<T>) -> Wrench<T> {
+pub fn covector<T: Real>(row: &Row<T>) -> Wrench<T> {
     Wrench::new(Vec3([row[0], row[1], row[2]]), Vec3([row[3], row[4], row[5]]))
 }
 
@@ -38,35 +41,41 @@ fn sum<T: Real>(v: Vec3<T>) -> T {
 
 /// Up to twelve rows; those before `first` have been taken out.
 #[derive(Clone, Debug)]
-pub(super) struct Rows<T> {
+pub struct Rows<T> {
     rows: [Row<T>; CAPACITY],
     first: usize,
     end: usize,
 }
 
+impl<T: Real> Default for Rows<T> {
+    fn default() -> Self {
+        Rows { rows: [zero(); CAPACITY], first: 0, end: 0 }
+    }
+}
+
 impl<T: Real> Rows<T> {
     /// No rows.
-    pub(super) fn new() -> Self {
-        Rows { rows: [zero(); CAPACITY], first: 0, end: 0 }
+    pub fn new() -> Self {
+        Self::default()
     }
     /// Forgets all rows.
     #[inline(always)]
-    pub(super) fn clear(&mut self) {
+    pub fn clear(&mut self) {
         (self.first, self.end) = (0, 0);
     }
     /// The rows.
     #[inline(always)]
-    pub(super) fn get(&self) -> &[Row<T>] {
+    pub fn get(&self) -> &[Row<T>] {
         &self.rows[self.first..self.end]
     }
     /// The rows, to be changed.
     #[inline(always)]
-    pub(super) fn get_mut(&mut self) -> &mut [Row<T>] {
+    pub fn get_mut(&mut self) -> &mut [Row<T>] {
         &mut self.rows[self.first..self.end]
     }
     /// Adds a row. Callers add at most six to at most six.
     #[inline(always)]
-    pub(super) fn push(&mut self, row: Row<T>) {
+    pub fn push(&mut self, row: Row<T>) {
         if self.end < CAPACITY {
             self.rows[self.end] = row;
             self.end += 1;
@@ -74,7 +83,7 @@ impl<T: Real> Rows<T> {
     }
     /// Adds rows of a child with pose `x`: S φ*. A vector of rounding alone is set to zero: it has no size of its own.
     #[inline(always)]
-    pub(super) fn push_from_child(&mut self, x: &Transform<T>, rows: &[Row<T>]) {
+    pub fn push_from_child(&mut self, x: &Transform<T>, rows: &[Row<T>]) {
         let unit = T::splat(ROUNDING * T::EPSILON);
         for row in rows {
             let mut own = covector(row);
@@ -90,20 +99,33 @@ impl<T: Real> Rows<T> {
             self.push([a, b, c, d, e, f, row[6], angular + sum(x.translation) * linear, linear]);
         }
     }
+    /// Adds rows of a child with pose `x` to those that its parent holds of its other children; these rows are the room for it.
+    #[inline(always)]
+    pub fn hand_over(&mut self, held: &mut Held<T>, x: &Transform<T>, rows: &[Row<T>]) {
+        let (held, count) = held;
+        self.clear();
+        held[..*count].iter().for_each(|row| self.push(*row));
+        self.push_from_child(x, rows);
+        if self.get().len() > 6 {
+            self.compress();
+        }
+        *count = self.get().len().min(6);
+        held[..*count].copy_from_slice(&self.get()[..*count]);
+    }
     /// True if no entry of a column is more than rounding.
     #[inline(always)]
-    pub(super) fn is_rounding(&self, column: usize) -> bool {
+    pub fn is_rounding(&self, column: usize) -> bool {
         let unit = T::splat(ROUNDING * T::EPSILON);
         let terms = if column < 3 { 7 } else { 8 };
         !self.get().iter().any(|row| row[column].abs() > unit * row[terms])
     }
     /// Sum of squares of a column, as an error message prints it.
-    pub(super) fn square(&self, column: usize) -> f64 {
+    pub fn square(&self, column: usize) -> f64 {
         self.get().iter().map(|row| row[column].to_f64().powi(2)).sum()
     }
     /// Entries of angle and displacement along z that belong to one helical hinge: the column of the angle becomes the hinge's.
     #[inline(always)]
-    pub(super) fn join(&mut self, pitch: T) {
+    pub fn join(&mut self, pitch: T) {
         for row in self.get_mut() {
             row[2] += pitch * row[5];
             row[7] += (pitch * row[5]).abs();
@@ -111,13 +133,13 @@ impl<T: Real> Rows<T> {
     }
     /// Undoes [`Rows::join`].
     #[inline(always)]
-    pub(super) fn part(&mut self, pitch: T) {
+    pub fn part(&mut self, pitch: T) {
         self.get_mut().iter_mut().for_each(|row| row[2] -= pitch * row[5]);
     }
     /// Reflects the rows so that the first alone has an entry in `column`; takes that row out and returns it.
     /// `None` if all entries are zero or one is not finite.
     #[inline(always)]
-    pub(super) fn take(&mut self, column: usize) -> Option<Row<T>> {
+    pub fn take(&mut self, column: usize) -> Option<Row<T>> {
         let rows = &mut self.rows[self.first..self.end];
         let mut pivot = 0;
         let mut largest = T::zero();
@@ -173,13 +195,13 @@ impl<T: Real> Rows<T> {
     }
     /// The same sum of squares, up to a constant, in at most as many rows as there are columns that are not zero.
     #[inline(always)]
-    pub(super) fn compress(&mut self) {
+    pub fn compress(&mut self) {
         self.absorb(&mut Wrench::zero());
     }
     /// [`Rows::compress`], and the linear term p goes into y as far as the rows reach: R* Δy = p by substitution, whose errors
     /// are ε of the rows again. Columns without a row keep their entry of p.
     #[inline(always)]
-    pub(super) fn absorb(&mut self, p: &mut Wrench<T>) {
+    pub fn absorb(&mut self, p: &mut Wrench<T>) {
         let mut kept = [zero(); 6];
         let mut count = 0;
         let mut left = p.to_array();
