@@ -30,10 +30,13 @@ pub struct Options {
 /// Runs a scene.
 pub fn run(options: &Options, common: &Common) -> Ending {
     interrupt::listen();
-    let folder = match prepare(options, common) {
+    let mut folder = match prepare(options, common) {
         Ok(folder) => folder,
         Err(e) => return fail(&e.to_string(), common),
     };
+    if let Some(threads) = common.threads {
+        folder.set_threads(threads.into());
+    }
     let path = folder.path().to_path_buf();
     let mut progress = Progress::new(common.quiet, folder.has_molecule());
     let outcome = folder.run(&mut progress);

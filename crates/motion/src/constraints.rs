@@ -18,6 +18,7 @@ use phipsi_spatial::{Dd, Wrench};
 mod impulse;
 
 /// The solver of a model with closures, prescribed motions, or both.
+#[derive(Clone)]
 pub(crate) struct Constraints {
     closed: ClosedDynamics<f64>,
     joints: Vec<PrescribedJoint>,
@@ -51,6 +52,7 @@ const DATA_ERROR: f64 = 16.0 * f64::EPSILON;
 const ROUNDING: f64 = 1e-13;
 
 /// Accelerations near singular positions: state projected and equations solved in double-double.
+#[derive(Clone)]
 struct Wide {
     closed: ClosedDynamics<Dd>,
     model: Model,

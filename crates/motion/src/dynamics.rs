@@ -53,6 +53,7 @@ pub struct Dynamics {
 }
 
 /// What gives the accelerations.
+#[derive(Clone)]
 enum Solver {
     /// A tree of passive joints.
     Tree(FormForwardDynamics),
@@ -141,6 +142,32 @@ impl Dynamics {
             plan,
             slots,
             names,
+        })
+    }
+    /// Another one like this, for a second thread; `None` where a force has no copy ([`Force::another`]). Both give the same numbers
+    /// to the last bit.
+    pub fn another(&self) -> Option<Self> {
+        let forces = self.forces.iter().map(|f| f.another()).collect::<Option<Vec<_>>>()?;
+        Some(Dynamics {
+            model: self.model.clone(),
+            layout: self.layout.clone(),
+            forces,
+            plan: self.plan.clone(),
+            slots: self.slots.clone(),
+            names: self.names.clone(),
+            kinematics: self.kinematics.clone(),
+            solver: self.solver.clone(),
+            form_choice: self.form_choice,
+            inverse: self.inverse.clone(),
+            rest: self.rest.clone(),
+            tau: self.tau.clone(),
+            wrenches: self.wrenches.clone(),
+            moving_mass: self.moving_mass,
+            tangent: None,
+            aux_dot: self.aux_dot.clone(),
+            given_breaks: self.given_breaks.clone(),
+            switches: self.switches.clone(),
+            holder: self.holder.clone(),
         })
     }
     /// What is computed.

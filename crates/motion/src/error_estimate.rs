@@ -14,10 +14,15 @@
 //! are not compared; where the runs do not do the same in the end, there is no estimate.
 //!
 //! A sum of embedded errors is 100 to 1e5 times too large and is not used.
+//!
+//! A companion needs of the run only its start; merged steps need the ends of its steps, stops and dry friction what happened so far, and
+//! the comparison its samples. All of that comes through a [`Trail`], so that a companion can go on beside the run on another thread.
 
 use crate::event::{Happening, Occurrence};
 use crate::integrate::{IntegrateError, Integrator, Method, Tolerances};
 use crate::system::System;
+use crate::trail::Trail;
+use phipsi_model::Model;
 use phipsi_model::State;
 use std::collections::BTreeMap;
 
@@ -46,6 +51,23 @@ pub struct JudgedRun<'a> {
     pub events: &'a [Occurrence],
 }
 
+/// What is known of a run to be judged before it has ended.
+#[derive(Clone, Debug)]
+pub struct PlannedRun<'a> {
+    /// Method.
+    pub method: Method,
+    /// Its tolerances.
+    pub tolerances: Tolerances,
+    /// Start: t, q, v, aux.
+    pub start: (f64, &'a [f64], &'a [f64], &'a [f64]),
+    /// Where its last step ends.
+    pub end: f64,
+    /// Times at which forces are not smooth.
+    pub breaks: &'a [f64],
+    /// Times of its samples, the last one its end.
+    pub instants: &'a [f64],
+}
+
 /// The estimate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorEstimate {
@@ -69,43 +91,69 @@ pub fn estimate_error<S: System>(
     system: &mut S,
     run: &JudgedRun<'_>,
 ) -> Result<ErrorEstimate, IntegrateError<S::Error>> {
+    let JudgedRun { method, tolerances, start, steps, breaks, samples, events } = *run;
+    let instants: Vec<f64> = samples.iter().map(|s| s.t).collect();
+    let end = steps.last().copied().unwrap_or(start.0);
+    let planned = PlannedRun { method, tolerances, start, end, breaks, instants: &instants };
+    estimate_error_beside(system, &planned, &Trail::of_ended(steps, events, samples))
+}
+
+/// The same of a run that may still be going on, elsewhere and with a system of its own: another one like `system`. Waits on the trail for
+/// what it needs and returns after the run has ended.
+///
+/// # Errors
+/// As [`estimate_error`].
+pub fn estimate_error_beside<S: System>(
+    system: &mut S,
+    run: &PlannedRun<'_>,
+    trail: &Trail,
+) -> Result<ErrorEstimate, IntegrateError<S::Error>> {
     let order = run.method.order() as i32;
     let halving = 2f64.powi(order) - 1.0;
     let switching = system.events().is_some_and(|e| (0..e.functions()).any(|i| e.acts(i)));
     match run.method {
         Method::Rk4 { step } => {
             let companion = Method::Rk4 { step: 2.0 * step };
-            compare(system, run, companion, run.tolerances, halving, "companion run at twice the step")
+            let how = "companion run at twice the step";
+            let beside = compare(system, run, trail, companion, run.tolerances, halving)?;
+            Ok(beside.judge(system.model(), how))
         }
         // Steps that end at events of one run are none of the other's: they cannot be merged.
-        _ if switching => companion(system, run),
+        _ if switching => companion(system, run, trail),
         _ if run.tolerances.rtol <= 1e-9 && run.tolerances.atol <= 1e-9 => {
-            let estimate = merged(system, run, halving)?;
-            if estimate.q.is_some() {
-                return Ok(estimate);
+            let beside = merged(system, run, trail, halving)?;
+            let spent = beside.evaluations;
+            if beside.is_complete() {
+                let estimate = beside.judge(system.model(), MERGED);
+                if estimate.q.is_some() {
+                    return Ok(estimate);
+                }
             }
             // Steps at the edge of stability cannot be doubled; a controlled companion can still judge them.
-            let mut second = companion(system, run)?;
-            second.evaluations += estimate.evaluations;
+            let mut second = companion(system, run, trail)?;
+            second.evaluations += spent;
             Ok(second)
         }
         _ => {
-            let estimate = companion(system, run)?;
+            let estimate = companion(system, run, trail)?;
             if estimate.q != Some(0.0) || estimate.v != Some(0.0) {
                 return Ok(estimate);
             }
             // Both took the same steps, as they do where the span or a largest step limits them: that says nothing.
-            let mut second = merged(system, run, halving)?;
+            let mut second = merged(system, run, trail, halving)?.judge(system.model(), MERGED);
             second.evaluations += estimate.evaluations;
             Ok(second)
         }
     }
 }
 
+const MERGED: &str = "merged steps";
+
 /// The companion at ten times the tolerance, or at a tenth of a loose one.
 fn companion<S: System>(
     system: &mut S,
-    run: &JudgedRun<'_>,
+    run: &PlannedRun<'_>,
+    trail: &Trail,
 ) -> Result<ErrorEstimate, IntegrateError<S::Error>> {
     let Tolerances { rtol, atol, max_step } = run.tolerances;
     let follows = rtol.max(atol) <= FOLLOWING;
@@ -114,31 +162,18 @@ fn companion<S: System>(
         false => (0.1, 0.9, "companion run at a tenth of the tolerance"),
     };
     let tolerances = Tolerances { rtol: factor * rtol, atol: factor * atol, max_step };
-    compare(system, run, run.method, tolerances, divisor, how)
+    let beside = compare(system, run, trail, run.method, tolerances, divisor)?;
+    Ok(beside.judge(system.model(), how))
 }
 
 /// Repeats the run's steps two at a time; a step before a break or at the end stands alone.
-fn merged<S: System>(
+fn merged<'a, S: System>(
     system: &mut S,
-    run: &JudgedRun<'_>,
+    run: &'a PlannedRun<'a>,
+    trail: &'a Trail,
     divisor: f64,
-) -> Result<ErrorEstimate, IntegrateError<S::Error>> {
+) -> Result<Beside<'a>, IntegrateError<S::Error>> {
     let is_break = |t: f64| run.breaks.binary_search_by(|b| b.total_cmp(&t)).is_ok();
-    let mut ends = Vec::with_capacity(run.steps.len() / 2 + 1);
-    let mut waiting = false;
-    for &t in run.steps {
-        if waiting || is_break(t) {
-            ends.push(t);
-            waiting = false;
-        } else {
-            waiting = true;
-        }
-    }
-    if let Some(&last) = run.steps.last()
-        && ends.last() != Some(&last)
-    {
-        ends.push(last);
-    }
     // Steps are given: twice the size makes 2^(p+1) times the local error. One with more is not of order p any more (it is
     // unstable, or too large for its smoothness), and then the divisor means nothing.
     let Tolerances { rtol, atol, .. } = run.tolerances;
@@ -147,8 +182,12 @@ fn merged<S: System>(
     let (t, q, v, aux) = run.start;
     let mut companion = Integrator::new(system.model(), run.method, accept, t, q, v, aux);
     companion.ignore_records();
-    let mut judge = Judge::new(system, run, divisor);
-    for &end in &ends {
+    let mut beside = Beside::new(system, run, trail, divisor);
+    let mut k = 0;
+    while let Some(first) = trail.step(k) {
+        let second = if is_break(first) { None } else { trail.step(k + 1) };
+        k += if second.is_some() { 2 } else { 1 };
+        let end = second.unwrap_or(first);
         let stop = is_break(end);
         companion.propose(end - companion.t());
         match companion.step(system, end, stop) {
@@ -161,38 +200,37 @@ fn merged<S: System>(
         if stop {
             companion.restart();
         }
-        judge.look(system, &mut companion)?;
+        beside.look(system, &mut companion)?;
     }
-    Ok(judge.finish("merged steps", companion.counts()[2]))
+    beside.evaluations = companion.counts()[2];
+    Ok(beside)
 }
 
-fn compare<S: System>(
+fn compare<'a, S: System>(
     system: &mut S,
-    run: &JudgedRun<'_>,
+    run: &'a PlannedRun<'a>,
+    trail: &'a Trail,
     method: Method,
     tolerances: Tolerances,
     divisor: f64,
-    how: &str,
-) -> Result<ErrorEstimate, IntegrateError<S::Error>> {
+) -> Result<Beside<'a>, IntegrateError<S::Error>> {
     let (t, q, v, aux) = run.start;
     let mut companion = Integrator::new(system.model(), method, tolerances, t, q, v, aux);
     companion.ignore_records();
-    let mut judge = Judge::new(system, run, divisor);
-    let Some(&end) = run.steps.last() else { return Ok(judge.finish(how, 0)) };
-    let breaks = run.breaks.iter().copied().filter(|b| *b > t && *b < end).map(|b| (b, true));
-    for (limit, stop) in breaks.chain([(end, run.breaks.contains(&end))]) {
+    let mut beside = Beside::new(system, run, trail, divisor);
+    let breaks = run.breaks.iter().copied().filter(|b| *b > t && *b < run.end).map(|b| (b, true));
+    'all: for (limit, stop) in breaks.chain([(run.end, run.breaks.contains(&run.end))]) {
         while companion.t() < limit {
             match companion.step(system, limit, stop) {
-                Ok(_) => judge.look(system, &mut companion)?,
-                Err(IntegrateError::StepUnderflow { .. }) => {
-                    return Ok(judge.finish(how, companion.counts()[2]));
-                }
+                Ok(_) => beside.look(system, &mut companion)?,
+                Err(IntegrateError::StepUnderflow { .. }) => break 'all,
                 Err(e) => return Err(e),
             }
         }
         companion.restart();
     }
-    Ok(judge.finish(how, companion.counts()[2]))
+    beside.evaluations = companion.counts()[2];
+    Ok(beside)
 }
 
 /// What has happened so far, in numbers: of each kind and joint. Impacts before a rest do not count, there may be infinitely many.
@@ -220,90 +258,102 @@ impl Tally {
     }
 }
 
-/// Compares a companion with the run at the run's samples.
-struct Judge<'a> {
+/// A companion at the instants of the run's samples, to be compared with them when the run has ended.
+struct Beside<'a> {
+    run: &'a PlannedRun<'a>,
+    trail: &'a Trail,
+    divisor: f64,
+    switching: bool,
+    /// What happened in the run and in the companion, as far as it was counted.
     tallies: [Tally; 2],
     counted: [usize; 2],
+    happened: Vec<Occurrence>,
     apart: bool,
-    run: &'a JudgedRun<'a>,
-    divisor: f64,
-    next: usize,
-    /// Largest motion of each of q and v over the run: what a tenth is taken of.
-    motion: [f64; 2],
-    horizon: f64,
-    lost: bool,
-    last: Option<[f64; 2]>,
-    scratch: [Vec<f64>; 3],
+    /// q and v of the companion at the instants so far; none where the two are not to be compared.
+    own: Vec<Option<[Vec<f64>; 2]>>,
+    aux: Vec<f64>,
+    evaluations: u64,
 }
 
-impl<'a> Judge<'a> {
-    fn new<S: System>(system: &S, run: &'a JudgedRun<'a>, divisor: f64) -> Self {
-        let model = system.model();
-        let (t, q0, v0, aux) = run.start;
-        let mut motion = [0.0f64, v0.iter().fold(0.0, |m: f64, x| m.max(x.abs()))];
-        for State { q, v, .. } in run.samples {
-            motion[0] = model.difference(q0, q).iter().fold(motion[0], |m, x| m.max(x.abs()));
-            motion[1] = v.iter().fold(motion[1], |m, x| m.max(x.abs()));
-        }
-        let scratch = [vec![0.0; q0.len()], vec![0.0; v0.len()], vec![0.0; aux.len()]];
-        let tallies = <[Tally; 2]>::default();
-        let (counted, apart) = ([0; 2], false);
-        Judge {
-            tallies,
-            counted,
-            apart,
+impl<'a> Beside<'a> {
+    fn new<S: System>(system: &mut S, run: &'a PlannedRun<'a>, trail: &'a Trail, divisor: f64) -> Self {
+        let switching = system.events().is_some_and(|e| (0..e.functions()).any(|i| e.acts(i)));
+        Beside {
             run,
+            trail,
             divisor,
-            next: 0,
-            motion,
-            horizon: t,
-            lost: false,
-            last: None,
-            scratch,
+            switching,
+            tallies: <[Tally; 2]>::default(),
+            counted: [0; 2],
+            happened: Vec::new(),
+            apart: false,
+            own: Vec::with_capacity(run.instants.len()),
+            aux: vec![0.0; run.start.3.len()],
+            evaluations: 0,
         }
     }
-    /// Takes the samples inside the companion's last step.
+    /// Samples the companion at the instants inside its last step.
     fn look<S: System>(
         &mut self,
         system: &mut S,
         companion: &mut Integrator,
     ) -> Result<(), IntegrateError<S::Error>> {
-        while let Some(State { t, q, v }) = self.run.samples.get(self.next).filter(|s| s.t <= companion.t()) {
-            self.next += 1;
-            if *t <= self.run.start.0 {
-                continue;
+        while let Some(&t) = self.run.instants.get(self.own.len()).filter(|t| **t <= companion.t()) {
+            let mut own = None;
+            if t > self.run.start.0 {
+                if self.switching {
+                    self.trail.follow_events(t, &mut self.happened);
+                    let [theirs, ours] = &mut self.tallies;
+                    theirs.follow(&self.happened, &mut self.counted[0], t);
+                    ours.follow(companion.occurrences(), &mut self.counted[1], t);
+                    self.apart = theirs != ours;
+                }
+                if !self.apart {
+                    let (_, q, v, _) = self.run.start;
+                    let (mut q, mut v) = (vec![0.0; q.len()], vec![0.0; v.len()]);
+                    companion.sample(system, t, &mut q, &mut v, &mut self.aux)?;
+                    own = Some([q, v]);
+                }
             }
-            let [theirs, own] = &mut self.tallies;
-            theirs.follow(self.run.events, &mut self.counted[0], *t);
-            own.follow(companion.occurrences(), &mut self.counted[1], *t);
-            self.apart = theirs != own;
-            if self.apart {
-                continue;
-            }
-            let [own_q, own_v, own_aux] = &mut self.scratch;
-            companion.sample(system, *t, own_q, own_v, own_aux)?;
-            let dq = system.model().difference(q, own_q).iter().fold(0.0f64, |m, x| m.max(x.abs()));
-            let dv = v.iter().zip(own_v.iter()).fold(0.0f64, |m, (a, b)| m.max((a - b).abs()));
-            let errors = [dq / self.divisor, dv / self.divisor];
-            let small = errors[0] <= LOST.min(0.1 * self.motion[0]) && errors[1] <= 0.1 * self.motion[1];
-            if small && !self.lost {
-                self.horizon = *t;
-            }
-            self.lost |= !small;
-            self.last = Some(errors);
+            self.own.push(own);
         }
         Ok(())
     }
-    fn finish(self, how: &str, evaluations: u64) -> ErrorEstimate {
-        let complete = self.next == self.run.samples.len();
-        let known = self.last.filter(|_| complete && !self.lost && !self.apart);
+    /// False if the companion gave up before the end.
+    fn is_complete(&self) -> bool {
+        self.own.len() == self.run.instants.len()
+    }
+    /// Compares with the run's samples, for which it waits.
+    fn judge(self, model: &Model, how: &str) -> ErrorEstimate {
+        let samples = self.trail.samples();
+        let (t0, q0, v0, _) = self.run.start;
+        // Largest motion of each of q and v over the run: what a tenth is taken of.
+        let mut motion = [0.0f64, v0.iter().fold(0.0, |m: f64, x| m.max(x.abs()))];
+        for State { q, v, .. } in &samples {
+            motion[0] = model.difference(q0, q).iter().fold(motion[0], |m, x| m.max(x.abs()));
+            motion[1] = v.iter().fold(motion[1], |m, x| m.max(x.abs()));
+        }
+        let (mut horizon, mut lost, mut last) = (t0, false, None);
+        for (State { t, q, v }, own) in samples.iter().zip(&self.own) {
+            let Some([own_q, own_v]) = own else { continue };
+            let dq = model.difference(q, own_q).iter().fold(0.0f64, |m, x| m.max(x.abs()));
+            let dv = v.iter().zip(own_v).fold(0.0f64, |m, (a, b)| m.max((a - b).abs()));
+            let errors = [dq / self.divisor, dv / self.divisor];
+            let small = errors[0] <= LOST.min(0.1 * motion[0]) && errors[1] <= 0.1 * motion[1];
+            if small && !lost {
+                horizon = *t;
+            }
+            lost |= !small;
+            last = Some(errors);
+        }
+        let known = last.filter(|_| self.is_complete() && !lost && !self.apart);
         let order = if self.apart { ", whose events are not those of the run at the end" } else { "" };
         ErrorEstimate {
             q: known.map(|e| e[0]),
             v: known.map(|e| e[1]),
-            horizon: if known.is_some() { None } else { Some(self.horizon) },
+            horizon: if known.is_some() { None } else { Some(horizon) },
             how: format!("{how}{order}"),
-            evaluations,
+            evaluations: self.evaluations,
         }
     }
 }

@@ -35,18 +35,56 @@ pub struct Energies {
     pub potential: f64,
 }
 
-type OfMotion = dyn FnMut(&Situation<'_>) -> f64 + Send;
-type OfEnergies = dyn FnMut(&Situation<'_>, Energies) -> f64 + Send;
+/// A function of time and state of which there may be a second one.
+pub(crate) trait OfMotion: FnMut(&Situation<'_>) -> f64 + Send {
+    fn another(&self) -> Box<dyn OfMotion>;
+}
+
+impl<F: FnMut(&Situation<'_>) -> f64 + Clone + Send + 'static> OfMotion for F {
+    fn another(&self) -> Box<dyn OfMotion> {
+        Box::new(self.clone())
+    }
+}
+
+/// The same with energies.
+pub(crate) trait OfEnergies: FnMut(&Situation<'_>, Energies) -> f64 + Send {
+    fn another(&self) -> Box<dyn OfEnergies>;
+}
+
+impl<F: FnMut(&Situation<'_>, Energies) -> f64 + Clone + Send + 'static> OfEnergies for F {
+    fn another(&self) -> Box<dyn OfEnergies> {
+        Box::new(self.clone())
+    }
+}
 
 /// What an event looks at.
 pub(crate) enum Function {
     /// Time and state.
-    Motion(Box<OfMotion>),
+    Motion(Box<dyn OfMotion>),
     /// Energies besides.
-    Energy(Box<OfEnergies>),
+    Energy(Box<dyn OfEnergies>),
 }
 
-type Change = dyn FnMut(f64, &mut [f64], &mut [f64]) + Send;
+impl Clone for Function {
+    fn clone(&self) -> Self {
+        match self {
+            Function::Motion(function) => Function::Motion((**function).another()),
+            Function::Energy(function) => Function::Energy((**function).another()),
+        }
+    }
+}
+
+/// A change of state, (t, q, v) ↦ new (q, v): any function that is `Clone` and `Send`.
+pub trait Change: FnMut(f64, &mut [f64], &mut [f64]) + Send {
+    /// Another one like it, for a second thread.
+    fn another(&self) -> Box<dyn Change>;
+}
+
+impl<F: FnMut(f64, &mut [f64], &mut [f64]) + Clone + Send + 'static> Change for F {
+    fn another(&self) -> Box<dyn Change> {
+        Box::new(self.clone())
+    }
+}
 
 /// What an event does.
 pub enum Action {
@@ -55,7 +93,17 @@ pub enum Action {
     /// It is recorded.
     Record,
     /// (t, q, v) ↦ new (q, v). Quaternions are normalised afterwards, closures projected onto.
-    Change(Box<Change>),
+    Change(Box<dyn Change>),
+}
+
+impl Clone for Action {
+    fn clone(&self) -> Self {
+        match self {
+            Action::Stop => Action::Stop,
+            Action::Record => Action::Record,
+            Action::Change(change) => Action::Change((**change).another()),
+        }
+    }
 }
 
 impl fmt::Debug for Action {
@@ -79,6 +127,7 @@ impl fmt::Debug for Action {
 /// let event = Event::new("half", Direction::Rising, Action::Record, |at| at.q[0] - 0.5);
 /// assert_eq!(event.name, "half");
 /// ```
+#[derive(Clone)]
 pub struct Event {
     /// The user's name.
     pub name: String,
@@ -99,12 +148,12 @@ impl fmt::Debug for Event {
 }
 
 impl Event {
-    /// An event of a function of (t, q, v).
+    /// An event of a function of (t, q, v). It is cloned for the companion run of an error estimate.
     pub fn new(
         name: impl Into<String>,
         direction: Direction,
         action: Action,
-        function: impl FnMut(&Situation<'_>) -> f64 + Send + 'static,
+        function: impl FnMut(&Situation<'_>) -> f64 + Clone + Send + 'static,
     ) -> Self {
         let function = Function::Motion(Box::new(function));
         Event { name: name.into(), direction, action, kinematics: false, function }
@@ -115,7 +164,7 @@ impl Event {
         name: impl Into<String>,
         direction: Direction,
         action: Action,
-        function: impl FnMut(&Situation<'_>, Energies) -> f64 + Send + 'static,
+        function: impl FnMut(&Situation<'_>, Energies) -> f64 + Clone + Send + 'static,
     ) -> Self {
         let function = Function::Energy(Box::new(function));
         Event { name: name.into(), direction, action, kinematics: false, function }

@@ -138,6 +138,11 @@ pub trait Force: Send {
     fn add_rates(&mut self, _at: &Situation<'_>, _rates: &mut LoadRates<'_>) -> bool {
         false
     }
+    /// Another one like it, for a companion run on a second thread: `Some(Box::new(self.clone()))` where it is `Clone`. `None`: there is
+    /// no second one, and the error of a run is estimated after the run.
+    fn another(&self) -> Option<Box<dyn Force>> {
+        None
+    }
     /// Times at which it is not smooth: steps end there.
     fn breaks(&self) -> Vec<f64> {
         Vec::new()

@@ -35,14 +35,15 @@ pub mod stepper;
 pub mod switch;
 pub mod system;
 pub mod tableau;
+pub mod trail;
 pub mod wide;
 
 pub use conservative::Conservative;
 pub use conserved::{Balance, Conserved, balance};
 pub use dynamics::{Dynamics, MotionError};
-pub use error_estimate::{ErrorEstimate, JudgedRun, estimate_error};
+pub use error_estimate::{ErrorEstimate, JudgedRun, PlannedRun, estimate_error, estimate_error_beside};
 pub use event::{
-    Action, Changing, Consequence, Direction, Energies, Event, Events, Happening, Mode, Occurrence,
+    Action, Change, Changing, Consequence, Direction, Energies, Event, Events, Happening, Mode, Occurrence,
 };
 pub use extrapolation::{Extrapolation, ExtrapolationError, coordinate_rate};
 pub use force::{Force, ForceError, Loads, Needs, Situation};
@@ -56,4 +57,5 @@ pub use signal::Signal;
 pub use stepper::{Scheme, StepError, Stepper, StepperState};
 pub use switch::{DryFriction, JointSwitch, Stops};
 pub use system::{Linearization, Projected, System};
+pub use trail::Trail;
 pub use wide::{WideDynamics, WideLoads, WideSituation};

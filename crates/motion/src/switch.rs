@@ -110,7 +110,7 @@ impl JointSwitch {
 }
 
 /// All that switches in a mechanism, with its present modes.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct Switches {
     pub(crate) joints: Vec<JointSwitch>,
     pub(crate) events: Vec<Event>,

@@ -1,11 +1,14 @@
 //! Balances of energy and momentum under every force model, and the plan against the general code.
 
 use crate::common::*;
-use phipsi_model::{Body, Inertia, Joint, JointKind, Limits, Model, ModelBuilder, Placement};
+use phipsi_model::{Body, Inertia, Joint, JointKind, Limits, Model, ModelBuilder, Placement, State};
 use phipsi_motion::forces::{
     BodyWrench, Control, JointDissipation, JointSpring, JointTorque, PointSpring, Servo, WrenchAxes,
 };
-use phipsi_motion::{Conserved, Dynamics, Force, Method, Plan, Prescription, Signal, System, balance};
+use phipsi_motion::{
+    Conserved, Dynamics, Force, Integrator, JudgedRun, Method, Plan, PlannedRun, Prescription, Signal,
+    System, Tolerances, Trail, balance, estimate_error, estimate_error_beside,
+};
 use phipsi_recursion::{Form, Kinematics};
 use phipsi_spatial::Vec3;
 
@@ -123,6 +126,51 @@ fn energy_and_momentum_balance_under_every_force() {
         let momentum = conserved.momentum_error();
         assert!(momentum.iter().all(|e| *e < 1e-10), "momentum {momentum:?}");
         assert!(conserved.energy_scale > 0.1 && conserved.momentum_scale[0] > 0.1);
+    }
+}
+
+/// Every force but a control law with one owner has a second one. A run judged beside it, step by step on another thread with other
+/// dynamics, has the estimate of the run judged after it, to the last bit.
+#[test]
+fn second_dynamics_judge_a_run_while_it_goes_on() {
+    let model = satellite([0.3, -0.2, -1.6]);
+    let mut forces = every_force(&model);
+    assert!(Dynamics::new(&model, every_force(&model)).unwrap().another().is_none());
+    forces.pop();
+    forces.push(Box::new(Control::shared("shared", model.nv(), |_, q, _, tau: &mut [f64]| {
+        tau[6] = -0.3 * q[7];
+        Ok(())
+    })));
+    let mut dynamics = Dynamics::new(&model, forces).unwrap();
+    let (q, v, end) = (model.neutral::<f64>(), vec![0.1; model.nv()], 3.0);
+    let aux = vec![0.0; dynamics.auxiliary_len()];
+    let start = (0.0, &q[..], &v[..], &aux[..]);
+    let breaks: Vec<f64> = dynamics.breaks().into_iter().filter(|b| *b > 0.0 && *b < end).collect();
+    for tolerance in [1e-6, 1e-8, 1e-10] {
+        let (method, tolerances) = (Method::Dop853, Tolerances::new(tolerance));
+        let planned = PlannedRun { method, tolerances, start, end, breaks: &breaks, instants: &[end] };
+        let mut second = dynamics.another().unwrap();
+        let trail = Trail::default();
+        let (mut steps, mut samples) = (Vec::new(), Vec::new());
+        let beside = std::thread::scope(|scope| {
+            let companion = scope.spawn(|| estimate_error_beside(&mut second, &planned, &trail).unwrap());
+            let mut run = Integrator::new(&model, method, tolerances, 0.0, &q, &v, &aux);
+            while run.t() < end {
+                let limit = breaks.iter().copied().find(|b| *b > run.t());
+                steps.push(run.step(&mut dynamics, limit.unwrap_or(end), limit.is_some()).unwrap().t1);
+                if limit == Some(run.t()) {
+                    run.restart();
+                }
+                trail.advance(&steps[steps.len() - 1..], &[]);
+            }
+            samples.push(State { t: end, q: run.q().to_vec(), v: run.v().to_vec() });
+            trail.end(samples.clone());
+            companion.join().unwrap()
+        });
+        let (steps, samples) = (&steps[..], &samples[..]);
+        let judged = JudgedRun { method, tolerances, start, steps, breaks: &breaks, samples, events: &[] };
+        assert_eq!(beside, estimate_error(&mut dynamics, &judged).unwrap(), "{tolerance:e}");
+        assert!(beside.q.is_some_and(|q| q > 0.0 && q < 1e3 * tolerance), "{beside:?}");
     }
 }
 

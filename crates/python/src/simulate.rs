@@ -95,7 +95,8 @@ impl Observer for Watcher {
 /// method : "auto", "dop853", "tsit5" (adaptive) or "rk4" with ``step``, s.
 /// max_step : s, the largest step of the adaptive methods.
 /// every : s, the interval of the returned samples; a 200th of the run by default.
-/// estimate : False leaves out the estimate of the error at the end, which costs about as much as the run.
+/// estimate : False leaves out the estimate of the error at the end, which costs up to as much as the run; where forces and motions
+///     call no Python, it is made beside the run on a second processor.
 ///
 /// Returns
 /// -------
@@ -213,8 +214,14 @@ fn from_model(
     }
     let compiled = model.compiled();
     let prescription = prescription(py, &compiled, closure_motion, (0.0, t_end), raised)?;
-    Simulation::prescribed(&compiled.model, forces, &prescription, t_end, JointBehavior::default())
-        .map_err(|e| motion_error(py, &e))
+    let mut simulation =
+        Simulation::prescribed(&compiled.model, forces, &prescription, t_end, JointBehavior::default())
+            .map_err(|e| motion_error(py, &e))?;
+    // Python runs on one thread at a time, and its functions may be of a kind that must.
+    if closure_motion.is_some_and(|motions| motions.values().iter().any(|motion| motion.is_callable())) {
+        simulation.threads = Some(1);
+    }
+    Ok(simulation)
 }
 
 fn from_scene(

@@ -1,7 +1,9 @@
-//! What the error estimate costs: evaluations and time of runs with and without it.
+//! What the error estimate costs: evaluations and time of runs without it, with it on one thread, and with it on a second one.
 //!
-//! `cargo run --release -p phipsi-simulate --example estimate_cost` prints a table of `docs/src/errors.md`. Runs with and without take turns;
-//! means, in time on the processor where the system tells it (Linux), so that other work on the machine matters little. All on one thread.
+//! `cargo run --release -p phipsi-simulate --example estimate_cost` prints a table of `docs/src/errors.md`. The three kinds of runs take turns.
+//! Processor time is that of one thread, a mean, where the system tells it (Linux), so that other work on the machine matters little. Wall
+//! times are the shortest of all rounds, for the same reason; the second thread needs a free core: the last column says
+//! how busy the machine was.
 
 use phipsi_simulate::scene::load;
 use phipsi_simulate::{Recording, Summary, run};
@@ -30,8 +32,8 @@ fn clock(begun: Instant) -> f64 {
     nanoseconds.map_or(begun.elapsed().as_secs_f64(), |ns| 1e-9 * ns)
 }
 
-/// A run and its time, s.
-fn timed(name: &str, tolerance: f64, estimate: bool) -> Result<(Summary, f64), Failure> {
+/// A run with its processor time and its wall time, s; on two threads the first is that of the run alone.
+fn timed(name: &str, tolerance: f64, estimate: bool, threads: usize) -> Result<(Summary, [f64; 2]), Failure> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples").join(name);
     let overrides = [
         "integrator.method=dop853".to_string(),
@@ -40,26 +42,39 @@ fn timed(name: &str, tolerance: f64, estimate: bool) -> Result<(Summary, f64), F
         format!("integrator.estimate={estimate}"),
     ];
     let mut simulation = load(&path, &overrides)?.simulation;
+    simulation.threads = Some(threads);
     let begun = Instant::now();
     let start = clock(begun);
     let summary = run(&mut simulation, &mut Recording::default())?;
-    Ok((summary, clock(begun) - start))
+    Ok((summary, [clock(begun) - start, begun.elapsed().as_secs_f64()]))
+}
+
+fn more(ratio: f64) -> String {
+    format!("{:.0} %", 100.0 * (ratio - 1.0))
+}
+
+/// Mean number of threads that wanted to run in the last minute; more than the processors: none was free.
+fn busy() -> String {
+    let told = std::fs::read_to_string("/proc/loadavg").ok();
+    told.and_then(|text| Some(text.split_whitespace().next()?.into())).unwrap_or_else(|| "unknown".into())
 }
 
 fn main() -> Result<(), Failure> {
     println!(
-        "| scene | tolerance | how | evaluations of the run | more for the estimate | time, ms | more for the estimate |"
+        "| scene | tolerance | how | evaluations of the run | more for the estimate | processor time, ms | more on one thread \
+         | wall time, ms | more on one thread | more on two threads | load |"
     );
-    println!("|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|");
     for name in SCENES {
         for tolerance in [1e-6, 1e-8, 1e-9, 1e-11] {
-            let (mut spent, mut rounds) = ([0.0; 2], 0u32);
+            let (mut spent, mut wall, mut rounds) = ([0.0; 3], [f64::INFINITY; 3], 0u32);
             let mut last = None;
             while spent[0] < LONG {
                 rounds += 1;
-                for (i, estimate) in [false, true].into_iter().enumerate() {
-                    let (summary, seconds) = timed(name, tolerance, estimate)?;
-                    spent[i] += seconds;
+                for (i, (estimate, threads)) in [(false, 1), (true, 1), (true, 2)].into_iter().enumerate() {
+                    let (summary, [processor, elapsed]) = timed(name, tolerance, estimate, threads)?;
+                    spent[i] += processor;
+                    wall[i] = elapsed.min(wall[i]);
                     last = Some(summary);
                 }
             }
@@ -67,12 +82,16 @@ fn main() -> Result<(), Failure> {
             let estimate = summary.error_estimate.ok_or("no estimate")?;
             let stem = name.trim_start_matches("benchmarks/").trim_end_matches(".toml");
             println!(
-                "| {stem} | {tolerance:e} | {} | {} | {:.0} % | {:.2} | {:.0} % |",
+                "| {stem} | {tolerance:e} | {} | {} | {:.0} % | {:.2} | {:.0} % | {:.2} | {} | {} | {} |",
                 estimate.how,
                 summary.evaluations,
                 100.0 * estimate.evaluations as f64 / summary.evaluations as f64,
                 1e3 * spent[0] / f64::from(rounds),
                 100.0 * (spent[1] / spent[0] - 1.0),
+                1e3 * wall[0],
+                more(wall[1] / wall[0]),
+                if summary.estimated_beside { more(wall[2] / wall[0]) } else { "one processor".into() },
+                busy(),
             );
         }
     }

@@ -137,6 +137,10 @@ impl RunFolder {
         let scene = reload(path, &file)?;
         Ok(RunFolder { path: path.into(), file, scene, _lock: lock })
     }
+    /// Sets the largest number of threads; results do not depend on it.
+    pub fn set_threads(&mut self, threads: usize) {
+        self.scene.simulation.threads = Some(threads);
+    }
     /// Where it is.
     pub fn path(&self) -> &Path {
         &self.path

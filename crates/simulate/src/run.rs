@@ -14,8 +14,11 @@ use phipsi_motion::{
 use phipsi_recursion::{DynamicsError, Kinematics};
 use std::time::Instant;
 
+mod companion;
 mod estimate;
 mod results;
+
+use companion::Companion;
 
 pub use results::{ClosureRecord, Progress, RunState, Summary};
 
@@ -62,6 +65,9 @@ struct Runner<'a> {
     limited: Vec<(usize, usize, [f64; 2])>,
     spent_s: f64,
     clock: Instant,
+    /// Makes the error estimate beside the run.
+    companion: Option<Companion>,
+    estimated_beside: bool,
 }
 
 impl<'a> Runner<'a> {
@@ -119,6 +125,8 @@ impl<'a> Runner<'a> {
             limited,
             spent_s: 0.0,
             clock: Instant::now(),
+            companion: None,
+            estimated_beside: false,
             stepper,
             bath,
             simulation,
@@ -157,6 +165,9 @@ impl<'a> Runner<'a> {
         let mut mark = (self.stepper.t(), self.steps);
         // A fixed step that ends within rounding of the end has reached it.
         let last = t_end - self.simulation.choice.method.fixed_step().map_or(0.0, |step| 1e-6 * step);
+        if !stopped && !self.ended && self.stepper.t() < last {
+            self.begin_companion(&breaks, observer)?;
+        }
         while !stopped && !self.ended && self.stepper.t() < last {
             let t = self.stepper.t();
             let next = breaks.partition_point(|b| *b <= t);
@@ -192,6 +203,17 @@ impl<'a> Runner<'a> {
         self.summary(estimate, !stopped)
     }
 
+    /// Begins the companion run of the estimate on a thread of its own, where that can be.
+    fn begin_companion(&mut self, breaks: &[f64], observer: &mut dyn Observer) -> Result<(), SimulateError> {
+        if let Scheme::Explicit(method) = self.simulation.choice.method
+            && self.simulation.estimate
+        {
+            let steps = if self.steps > 0 { observer.step_ends()? } else { Vec::new() };
+            self.companion = Companion::begin(self.simulation, method, breaks, &steps, &self.events);
+        }
+        Ok(())
+    }
+
     /// Refuses an end that steps like those since `before` do not reach.
     fn look_ahead(&self, before: f64) -> Result<(), SimulateError> {
         let (t, t_end, unit) = (self.stepper.t(), self.simulation.t_end, self.simulation.time_unit());
@@ -213,6 +235,9 @@ impl<'a> Runner<'a> {
         let info = self.advance(limit, is_break)?;
         self.events.extend_from_slice(self.stepper.occurrences());
         self.ended |= info.stop;
+        if let Some(companion) = &mut self.companion {
+            companion.step(info.t1, self.stepper.occurrences());
+        }
         if let (Some(record), Some(projected)) = (&mut self.closures, &info.projected) {
             record.record(projected);
         }
@@ -361,6 +386,7 @@ impl<'a> Runner<'a> {
             evaluations,
             wall_s: self.wall_s(),
             error_estimate,
+            estimated_beside: self.estimated_beside,
             energy_error: self.conserved.energy_error(),
             closures: self.closures,
             momentum_error: (self.simulation.dynamics.plan().momentum && self.bath.is_none())

@@ -129,6 +129,9 @@ pub struct Simulation {
     pub t_end: f64,
     /// Whether the error at the end is estimated.
     pub estimate: bool,
+    /// Largest number of threads, `None`: as many as there are processors. On more than one the error is estimated beside the run where
+    /// its forces allow it ([`Force::another`]). Results do not depend on it.
+    pub threads: Option<usize>,
     /// Interval of the recorded samples.
     pub every: f64,
     /// Named numbers.
@@ -187,6 +190,7 @@ impl Simulation {
             tolerances,
             t_end,
             estimate: true,
+            threads: None,
             every: t_end / 200.0,
             outputs: Vec::new(),
             known: Vec::new(),

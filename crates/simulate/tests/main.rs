@@ -3,6 +3,7 @@
 mod benchmarks;
 mod elements;
 mod estimate;
+mod estimate_beside;
 mod events;
 mod loops;
 mod molecule;

@@ -168,4 +168,7 @@ impl Force for CentralGravity {
         }
         true
     }
+    fn another(&self) -> Option<Box<dyn Force>> {
+        Some(Box::new(self.clone()))
+    }
 }

@@ -97,4 +97,7 @@ impl Force for JointDissipation {
         self.add_to(at.v, loads.tau);
         Ok(())
     }
+    fn another(&self) -> Option<Box<dyn Force>> {
+        Some(Box::new(self.clone()))
+    }
 }

@@ -83,4 +83,7 @@ impl Force for Servo {
     fn breaks(&self) -> Vec<f64> {
         self.target.breaks()
     }
+    fn another(&self) -> Option<Box<dyn Force>> {
+        Some(Box::new(self.clone()))
+    }
 }

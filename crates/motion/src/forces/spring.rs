@@ -63,6 +63,9 @@ impl Force for JointSpring {
         let x = at.q[self.coordinate] - self.rest;
         0.5 * self.stiffness * x * x
     }
+    fn another(&self) -> Option<Box<dyn Force>> {
+        Some(Box::new(self.clone()))
+    }
 }
 
 /// A spring and damper along the line between two points: force k (L − L₀) + c dL/dt pulling them together.
@@ -196,5 +199,8 @@ impl Force for PointSpring {
     fn potential(&self, at: &Situation<'_>) -> f64 {
         let x = self.line(at).1 - self.rest_length;
         0.5 * self.stiffness * x * x
+    }
+    fn another(&self) -> Option<Box<dyn Force>> {
+        Some(Box::new(self.clone()))
     }
 }

@@ -77,4 +77,7 @@ impl Force for Thruster {
     fn breaks(&self) -> Vec<f64> {
         self.thrust.breaks()
     }
+    fn another(&self) -> Option<Box<dyn Force>> {
+        Some(Box::new(self.clone()))
+    }
 }

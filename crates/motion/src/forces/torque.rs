@@ -49,4 +49,7 @@ impl Force for JointTorque {
     fn breaks(&self) -> Vec<f64> {
         self.value.breaks()
     }
+    fn another(&self) -> Option<Box<dyn Force>> {
+        Some(Box::new(self.clone()))
+    }
 }

@@ -94,4 +94,7 @@ impl Force for BodyWrench {
     fn breaks(&self) -> Vec<f64> {
         self.components.iter().flat_map(Signal::breaks).collect()
     }
+    fn another(&self) -> Option<Box<dyn Force>> {
+        Some(Box::new(self.clone()))
+    }
 }

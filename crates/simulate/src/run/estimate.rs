@@ -4,25 +4,42 @@ use super::Runner;
 use crate::error::SimulateError;
 use crate::record::Observer;
 use crate::simulation::Simulation;
-use phipsi_model::Model;
+use phipsi_model::{Model, State};
 use phipsi_motion::{
-    Dynamics, ErrorEstimate, Events, JudgedRun, Linearization, Method, MotionError, Projected, System,
-    estimate_error,
+    Dynamics, ErrorEstimate, Events, IntegrateError, JudgedRun, Linearization, Method, MotionError,
+    Projected, System, estimate_error,
 };
 
 /// Most instants at which a run is compared with its companion.
-const JUDGED_SAMPLES: usize = 256;
+pub(super) const JUDGED_SAMPLES: usize = 256;
+
+/// What the integration of a companion comes to.
+pub(super) type Estimated = Result<ErrorEstimate, IntegrateError<MotionError>>;
 
 impl Runner<'_> {
-    /// The estimate of the error at the end, with what the observer has kept of the run.
+    /// The estimate of the error at the end, with what the observer has kept of the run: from the companion beside it, or made now.
     pub(super) fn estimate(
         &mut self,
         method: Method,
         breaks: &[f64],
         observer: &mut dyn Observer,
     ) -> Result<Option<ErrorEstimate>, SimulateError> {
-        let steps = observer.step_ends()?;
         let samples = observer.spread_rows(JUDGED_SAMPLES)?;
+        if let Some(companion) = self.companion.take().filter(|c| c.fits(&samples)) {
+            self.estimated_beside = true;
+            return Ok(companion.finish(samples, self.simulation.model(), observer));
+        }
+        self.estimate_after(method, breaks, &samples, observer)
+    }
+
+    fn estimate_after(
+        &mut self,
+        method: Method,
+        breaks: &[f64],
+        samples: &[State],
+        observer: &mut dyn Observer,
+    ) -> Result<Option<ErrorEstimate>, SimulateError> {
+        let steps = observer.step_ends()?;
         let Simulation { dynamics, start, tolerances, .. } = &mut *self.simulation;
         dynamics.pass_over_stops(true);
         let aux = vec![0.0; dynamics.auxiliary_len()];
@@ -32,29 +49,36 @@ impl Runner<'_> {
             start: (start.t, &start.q, &start.v, &aux),
             steps: &steps,
             breaks,
-            samples: &samples,
+            samples,
             events: &self.events,
         };
         let mut watched = Watched { dynamics, stop: &|| observer.stop() };
         let estimate = estimate_error(&mut watched, &judged);
         watched.dynamics.pass_over_stops(false);
-        match estimate {
-            Ok(_) if observer.stop() => Ok(None),
-            Ok(estimate) => Ok(Some(estimate)),
-            Err(_) if observer.stop() => Ok(None),
-            // The run itself has succeeded: that there is no estimate is a result too.
-            Err(e) => {
-                let how = format!("none: the companion run stopped, {}", e.describe(self.simulation.model()));
-                Ok(Some(ErrorEstimate { q: None, v: None, horizon: None, how, evaluations: 0 }))
-            }
-        }
+        Ok(in_words(estimate, self.simulation.model(), observer))
     }
 }
 
-/// A system that gives up when the user wants to stop: an estimate has no steps of its own to stop after.
-struct Watched<'a> {
-    dynamics: &'a mut Dynamics,
-    stop: &'a dyn Fn() -> bool,
+/// The estimate, or why there is none; `None` if the user wants to stop.
+pub(super) fn in_words(
+    estimated: Estimated,
+    model: &Model,
+    observer: &mut dyn Observer,
+) -> Option<ErrorEstimate> {
+    if observer.stop() {
+        return None;
+    }
+    // The run itself has succeeded: that there is no estimate is a result too.
+    Some(estimated.unwrap_or_else(|e| {
+        let how = format!("none: the companion run stopped, {}", e.describe(model));
+        ErrorEstimate { q: None, v: None, horizon: None, how, evaluations: 0 }
+    }))
+}
+
+/// A system that gives up when nobody wants the estimate any more: it has no steps of its own to stop after.
+pub(super) struct Watched<'a> {
+    pub(super) dynamics: &'a mut Dynamics,
+    pub(super) stop: &'a dyn Fn() -> bool,
 }
 
 impl System for Watched<'_> {

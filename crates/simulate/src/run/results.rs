@@ -118,6 +118,8 @@ pub struct Summary {
     pub wall_s: f64,
     /// The estimated error at the end; `None` if it was left out or stopped.
     pub error_estimate: Option<ErrorEstimate>,
+    /// True if it was made beside the run, on a second thread.
+    pub estimated_beside: bool,
     /// Relative imbalance of energy.
     pub energy_error: f64,
     /// Trajectories of Monte Carlo and refused drifts, where there is a bath.
