@@ -10,8 +10,9 @@ use phipsi_motion::{
     Projected, System, estimate_error,
 };
 
-/// Most instants at which a run is compared with its companion.
-pub(super) const JUDGED_SAMPLES: usize = 256;
+/// Most instants at which a run is compared with its companion. In a run of some dozens of steps each takes a dense output of the companion,
+/// a quarter more of a step, and a projection; where the run is lost, this is how finely its horizon is told.
+pub(super) const JUDGED_SAMPLES: usize = 32;
 
 /// What the integration of a companion comes to.
 pub(super) type Estimated = Result<ErrorEstimate, IntegrateError<MotionError>>;
