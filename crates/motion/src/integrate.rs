@@ -382,7 +382,7 @@ impl Integrator {
             // half an ulp of 0.1 s are 1.5e-16 m a step.
             let t1 = if landing { limit } else { t0 + h };
             let trial = t1 - t0;
-            if !(trial > 4.0 * f64::EPSILON * t0.abs().max(f64::MIN_POSITIVE)) {
+            if trial.is_nan() || trial <= 4.0 * f64::EPSILON * t0.abs().max(f64::MIN_POSITIVE) {
                 return Err(IntegrateError::StepUnderflow { t: t0, h: trial, cause });
             }
             let result = self.step.attempt(system, t0, trial, self.latest);

@@ -61,8 +61,9 @@ fn a_ball_bounces_geometrically() {
         let (mut t, mut speed) = ((2.0 * h / g).sqrt(), (2.0 * g * h).sqrt());
         let mut taken = 0.0;
         for (n, (at, [before, after], energy)) in found.iter().enumerate() {
-            // Free fall is integrated without error; each flight passes on rounding of time, n·ε·t, over e.
-            let allowed = 1e-14 * (n + 2) as f64;
+            // Free fall is integrated but for rounding: weights of up to 165 (Rodas5p) cancel, so that a flight of T ≤ 1 s ends with a
+            // speed that is off by 165 ε g T at most, and the next takes 2/g of that longer.
+            let allowed = 2.0 * 165.0 * f64::EPSILON * (n + 1) as f64;
             assert!((at - t).abs() < allowed, "{method:?} {n}: {:e}", at - t);
             assert!((before + speed).abs() < 10.0 * allowed && (after - e * speed).abs() < 10.0 * allowed);
             assert!((energy - 0.5 * (1.0 - e * e) * speed * speed).abs() < 100.0 * allowed);
