@@ -177,7 +177,7 @@ fn a_boom_strikes_its_stop() {
         let carried: f64 =
             (0..nv).map(|j| m[i * nv + j].abs() * 2.0 * (bouncing[j].abs() + lazy[j].abs())).sum();
         let allowed = 4.0 * nv as f64 * f64::EPSILON * carried;
-        assert!(impulse[i].abs() < allowed, "{i}: {impulse:?}, allowed {allowed:e}");
+        assert!(impulse[i].abs() <= allowed, "{i}: {impulse:?}, allowed {allowed:e}");
     }
     let kinetic = |v: &[f64]| phipsi_recursion::kinetic_energy(&layout, &q, v).unwrap();
     let all = kinetic(&before);
