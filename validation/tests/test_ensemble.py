@@ -96,7 +96,10 @@ def test_a_folder_keeps_what_is_done(client, tmp_path, where):
     before = calls(log)
     assert phipsi.ensemble(Counted(log), range(8), folder=folder, **arguments) == [i * i for i in range(8)]
     again = [b - a for a, b in zip(before, calls(log))]
-    assert again == [0 if i in kept else 1 for i in range(8)]
+    missing = [i for i in range(8) if i not in kept]
+    assert all(again[i] >= 1 if i in missing else again[i] == 0 for i in range(8))
+    # A cluster's two workers may have taken up a run each, late enough to be counted here, before they heard of the failure.
+    assert sum(again) <= len(missing) + (2 if where == "client" else 0)
     with pytest.raises(phipsi.ArgumentError, match="other inputs"):
         phipsi.ensemble(Counted(log), range(9), folder=folder)
     with pytest.raises(phipsi.ArgumentError, match="another function"):
