@@ -265,8 +265,22 @@ impl<T: Real> Factors<T> {
     /// Puts blocks into the matrix of an operation: columns of the closed loop, of the others, of X. Returns the rows.
     #[inline(always)]
     fn stack(&mut self, structure: &Structure<T>, operation: &Operation, scale: Arithmetic<T>) -> usize {
-        let (closing, columns, width) =
-            (operation.closing, operation.closing + operation.others, operation.width);
+        match operation.width {
+            12 => self.stack_known::<12>(structure, operation, scale),
+            16 => self.stack_known::<16>(structure, operation, scale),
+            _ => self.stack_known::<0>(structure, operation, scale),
+        }
+    }
+    /// The same for rows of W numbers; of any number with W = 0.
+    #[inline(always)]
+    fn stack_known<const W: usize>(
+        &mut self,
+        structure: &Structure<T>,
+        operation: &Operation,
+        scale: Arithmetic<T>,
+    ) -> usize {
+        let (closing, columns) = (operation.closing, operation.closing + operation.others);
+        let width = if W == 0 { operation.width } else { W };
         let matrix = &mut self.matrix[operation.number..][..operation.most * width];
         let mut rows = matrix.chunks_exact_mut(width);
         let mut row = 0;

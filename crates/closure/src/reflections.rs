@@ -38,8 +38,17 @@ impl<T: Scalar> Panel<'_, T> {
     /// Sorts the rows from `first` on by their largest number in some columns, largest first.
     #[inline(always)]
     pub(crate) fn sort_rows(&mut self, first: usize, columns: core::ops::Range<usize>) {
+        match self.width {
+            12 => self.sort_known::<12>(first, columns),
+            16 => self.sort_known::<16>(first, columns),
+            _ => self.sort_known::<0>(first, columns),
+        }
+    }
+    /// The same for rows of W numbers; of any number with W = 0.
+    #[inline(always)]
+    fn sort_known<const W: usize>(&mut self, first: usize, columns: core::ops::Range<usize>) {
         let Panel { a, width, rows, order, v, most, sizes, .. } = self;
-        let (width, rows) = (*width, *rows);
+        let (width, rows) = (if W == 0 { *width } else { W }, *rows);
         for row in first..rows {
             let numbers = &a[row * width..][columns.clone()];
             sizes[row] = numbers.iter().fold(0.0, |most: f64, x| most.max(x.min_lane().abs()));
@@ -72,9 +81,10 @@ impl<T: Scalar> Panel<'_, T> {
         tolerance: f64,
         most: usize,
     ) -> (usize, f64) {
-        // The width of one loop alone, in a copy whose rows are registers.
+        // The widths of one loop alone and beside another one, in copies whose rows are registers.
         match self.width {
             12 => self.eliminate_known::<12>(first, columns, tolerance, most),
+            16 => self.eliminate_known::<16>(first, columns, tolerance, most),
             _ => self.eliminate_known::<0>(first, columns, tolerance, most),
         }
     }
@@ -252,7 +262,7 @@ mod tests {
     fn reflections_reproduce_the_matrix_row_by_row() {
         for seed in 0..50 {
             let mut random = Random::new(seed);
-            let (rows, columns) = (1 + random.below(9), 1 + random.below(6));
+            let (rows, columns) = (1 + random.below(9), 1 + random.below(18));
             let width = columns.next_multiple_of(GROUP);
             let most = rows + random.below(3);
             let sizes: Vec<f64> = (0..rows).map(|_| 10f64.powf(6.0 * random.signed())).collect();
@@ -288,7 +298,7 @@ mod tests {
                 record.apply(&mut x, &mut stack);
                 for i in 0..rows {
                     let error = (stack[i] - original[i * width + c]).abs();
-                    // A few roundings per step, in units of the row's own size.
+                    // A few roundings per step, of which there are at most nine, in units of the row's own size.
                     assert!(error <= 64.0 * f64::EPSILON * sizes[i], "seed {seed}: {error:e}");
                 }
             }
