@@ -67,6 +67,23 @@ impl Atoms {
         }
         neighbors
     }
+    /// The atoms of molecules of water: one oxygen and two hydrogens, bonded to each other and to nothing else.
+    pub fn water(&self) -> Vec<usize> {
+        let neighbors = self.neighbors();
+        let is_hydrogen = |i: &usize| self.elements.get(*i) == Some(&1);
+        let mut found = Vec::new();
+        for oxygen in (0..self.len()).filter(|&i| self.elements.get(i) == Some(&8)) {
+            let hydrogens = &neighbors[oxygen];
+            // Rigid models bind the hydrogens to each other, too.
+            let alone = |h: &usize| neighbors[*h].iter().all(|i| *i == oxygen || hydrogens.contains(i));
+            if hydrogens.len() == 2 && hydrogens.iter().all(|h| is_hydrogen(h) && alone(h)) {
+                found.push(oxygen);
+                found.extend(hydrogens);
+            }
+        }
+        found.sort_unstable();
+        found
+    }
     /// Every problem of the tables themselves.
     pub(crate) fn check(&self) -> Vec<MoleculeError> {
         let mut found = Vec::new();
@@ -171,3 +188,40 @@ impl fmt::Display for MoleculeErrors {
 }
 
 impl std::error::Error for MoleculeErrors {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn water_is_told_by_its_bonds() {
+        // Water, rigid water, methanol, hydroxide, hydrogen peroxide, a sodium ion, hydronium.
+        let elements = [8, 1, 1, 1, 8, 1, 6, 1, 1, 1, 8, 1, 8, 1, 1, 8, 8, 1, 11, 8, 1, 1, 1];
+        let bonds = [
+            [0, 1],
+            [2, 0],
+            [3, 4],
+            [4, 5],
+            [3, 5],
+            [6, 7],
+            [6, 8],
+            [6, 9],
+            [6, 10],
+            [10, 11],
+            [12, 13],
+            [14, 15],
+            [15, 16],
+            [16, 17],
+            [19, 20],
+            [19, 21],
+            [19, 22],
+        ];
+        let atoms = Atoms {
+            masses: vec![1.0; elements.len()],
+            elements: elements.to_vec(),
+            bonds: bonds.to_vec(),
+            names: Vec::new(),
+        };
+        assert_eq!(atoms.water(), [0, 1, 2, 3, 4, 5]);
+    }
+}

@@ -61,6 +61,7 @@ pub fn clustering(
     rigid: Option<&Bound<'_, PyAny>>,
     hinges: Option<&Bound<'_, PyAny>>,
     (rings, angles): (Option<&Bound<'_, PyAny>>, Option<&Bound<'_, PyAny>>),
+    free: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Clustering> {
     let py = clusters.py();
     let mut clustering = Clustering::default();
@@ -109,6 +110,14 @@ pub fn clustering(
         };
         let bonds = atom_lists(loaded, hinges, "hinges")?;
         clustering.hinges = Hinges::Bonds(bonds.into_iter().map(pair).collect::<PyResult<_>>()?);
+    }
+    if let Some(free) = free {
+        let points = match free.cast::<PyString>() {
+            Ok(word) if word == "water" => loaded.molecule.atoms.water(),
+            Ok(word) => return Err(choice_error(py, "free", &word.to_string_lossy(), &["water"])),
+            Err(_) => atoms(loaded, free, "free")?,
+        };
+        clustering.free.extend(points);
     }
     let Some(rigid) = rigid else { return Ok(clustering) };
     let kind = |word: &str| {

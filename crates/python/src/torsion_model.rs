@@ -63,6 +63,8 @@ pub struct OwnBath {
 /// forces : what gives energy and forces in place of the System's terms: a function forces(positions) -> (energy, forces) of
 ///     (n_atoms, 3), nm, in kJ/mol and kJ/mol/nm, or an openmm.Context of the same particles. Called once a step. What it raises
 ///     comes out as it is; the model then has its last good state.
+/// free : atoms that move as points of three degrees of freedom, tied to others by forces only; "water": those of all molecules of
+///     water, which are rigid otherwise. Constraints of the System at such atoms are refused.
 ///
 /// Raises
 /// ------
@@ -265,7 +267,7 @@ impl Moving {
 #[pymethods]
 impl TorsionModel {
     #[new]
-    #[pyo3(signature = (s, positions = None, clusters = None, rigid = None, hinges = None, rings = None, angles = None, forces = None))]
+    #[pyo3(signature = (s, positions = None, clusters = None, rigid = None, hinges = None, rings = None, angles = None, forces = None, free = None))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
@@ -277,6 +279,7 @@ impl TorsionModel {
         rings: Option<&Bound<'_, PyAny>>,
         angles: Option<&Bound<'_, PyAny>>,
         forces: Option<&Bound<'_, PyAny>>,
+        free: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let loaded = s.get().loaded();
         let positions = loaded.positions(py, positions, "positions")?;
@@ -284,7 +287,8 @@ impl TorsionModel {
         let mut x = vec![Vec3::zero(); loaded.molecule.atoms.len()];
         vectors(positions.at(0), &mut x);
         let word = PyString::new(py, "torsion").into_any();
-        let clustering = clustering(&loaded, clusters.unwrap_or(&word), rigid, hinges, (rings, angles))?;
+        let clustering =
+            clustering(&loaded, clusters.unwrap_or(&word), rigid, hinges, (rings, angles), free)?;
         let built = py.detach(|| {
             let atoms = &loaded.molecule.atoms;
             let clusters = Clusters::new(atoms, &x, &clustering)?;

@@ -17,7 +17,7 @@ impl TorsionModel {
     ///
     /// Parameters
     /// ----------
-    /// clusters, rigid, hinges, rings, angles, forces : as for ``TorsionModel``.
+    /// clusters, rigid, hinges, rings, angles, forces, free : as for ``TorsionModel``.
     /// thaw_temperature_K : None, or a temperature of what is thawed.
     /// seed : of its speeds.
     ///
@@ -40,7 +40,7 @@ impl TorsionModel {
     /// ((13, 8), True)
     /// >>> bool(np.allclose(frozen.positions, t.positions))
     /// True
-    #[pyo3(signature = (clusters = None, rigid = None, hinges = None, rings = None, angles = None, forces = None, *, thaw_temperature_K = None, seed = 0))]
+    #[pyo3(signature = (clusters = None, rigid = None, hinges = None, rings = None, angles = None, forces = None, free = None, *, thaw_temperature_K = None, seed = 0))]
     #[allow(non_snake_case, clippy::too_many_arguments)]
     fn recluster<'py>(
         &self,
@@ -51,6 +51,7 @@ impl TorsionModel {
         rings: Option<&Bound<'py, PyAny>>,
         angles: Option<&Bound<'py, PyAny>>,
         forces: Option<&Bound<'py, PyAny>>,
+        free: Option<&Bound<'py, PyAny>>,
         thaw_temperature_K: Option<f64>,
         seed: u64,
     ) -> PyResult<(TorsionModel, Bound<'py, PyDict>)> {
@@ -63,7 +64,8 @@ impl TorsionModel {
             return Err(exception(py, "ArgumentError", message, vec![]));
         }
         let word = PyString::new(py, "torsion").into_any();
-        let clustering = clustering(&self.loaded, clusters.unwrap_or(&word), rigid, hinges, (rings, angles))?;
+        let clustering =
+            clustering(&self.loaded, clusters.unwrap_or(&word), rigid, hinges, (rings, angles), free)?;
         let (q, v) = self.q_and_v(py)?;
         let changed = py.detach(|| {
             let (t, has_velocities) = {

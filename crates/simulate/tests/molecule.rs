@@ -134,8 +134,13 @@ fn clusters_of_all_kinds() {
     let angles = dof("clusters = \"torsion+angle\"");
     assert!((18..=20).contains(&angles), "{angles}");
     assert_eq!(dof("angles = [[4, 6, 8]]"), 14);
+    assert_eq!(dof("free = [0]"), 16);
+    // There is none.
+    assert_eq!(dof("free = \"water\""), 13);
     assert!(error("seed = 1", "clusters = \"torsions\"").remedy.contains("torsion"));
     assert!(error("seed = 1", "angles = [[4, 6]]").required.contains("[[h, i, j]"));
+    assert!(error("seed = 1", "free = \"solvent\"").required.contains("\"water\", or a list"));
+    assert!(error("seed = 1", "free = [22]").found.contains("atom 22"));
     let text = SCENE.replace("seed = 1", "clusters = \"torsion+angle\"\nfixman = true");
     let distribution =
         scene(&text).unwrap().simulation.molecule.map(|m| m.distribution.describe_for(&m.torsion));

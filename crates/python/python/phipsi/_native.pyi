@@ -427,6 +427,7 @@ class TorsionModel:
         rings: Literal["rigid", "flexible"] | Sequence[Sequence[int | str]] | None = None,
         angles: Sequence[Sequence[int | str]] | None = None,
         forces: Any = None,
+        free: Literal["water"] | Sequence[int | str] | None = None,
     ) -> TorsionModel: ...
     @property
     def system(self) -> System: ...
@@ -471,6 +472,7 @@ class TorsionModel:
         rings: Literal["rigid", "flexible"] | Sequence[Sequence[int | str]] | None = None,
         angles: Sequence[Sequence[int | str]] | None = None,
         forces: Any = None,
+        free: Literal["water"] | Sequence[int | str] | None = None,
         *,
         thaw_temperature_K: float | None = None,
         seed: int = 0,

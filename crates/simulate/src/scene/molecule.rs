@@ -39,6 +39,7 @@ pub(crate) fn read(
     let system = table.required_text("system", report).map(|p| folder.join(p));
     let ignore = texts(&mut table, "ignore", report);
     let (mut clustering, cartesian) = clustering(&mut table, report);
+    let free = word_or_indices(&mut table, "free", "water", report);
     let temperature = table.positive("temperature_K", true, report);
     let seed = seed(&mut table, report);
     let minimize = minimize(&mut table, report);
@@ -54,9 +55,12 @@ pub(crate) fn read(
     let loaded = read_molecule(&pdb, &system, &SystemOptions { ignore });
     let reports = loaded.reports.to_vec();
     let Some(read) = loaded.value else { return Err(reports) };
-    if cartesian {
-        clustering.free = (0..read.atoms.len()).collect();
-    }
+    clustering.free = match free {
+        _ if cartesian => (0..read.atoms.len()).collect(),
+        Some(Some(atoms)) => atoms,
+        Some(None) => read.atoms.water(),
+        None => Vec::new(),
+    };
     if !report.errors.is_empty() {
         return Err(reports);
     }
@@ -320,6 +324,31 @@ fn word_or_lists(
         table.error(Some(node), report, format!("{key} = {text:?}"), required, suggestion(text, words));
     }
     known.map(|word| Ok(*word))
+}
+
+/// A word, then `None`, or atom indices from 0.
+fn word_or_indices(
+    table: &mut Table<'_>,
+    key: &'static str,
+    word: &'static str,
+    report: &mut Report,
+) -> Option<Option<Vec<usize>>> {
+    let node = table.get(key)?;
+    let index = |n: &Node| match n.value {
+        Value::Integer(i) => usize::try_from(i).ok(),
+        _ => None,
+    };
+    let found = match &node.value {
+        Value::Text(text) if text == word => Some(None),
+        Value::List(items) => items.iter().map(index).collect::<Option<Vec<usize>>>().map(Some),
+        _ => None,
+    };
+    if found.is_none() {
+        let shown = format!("{key} = {}", node.value.describe());
+        let required = format!("{word:?}, or a list of atom indices, from 0");
+        table.error(Some(node), report, shown, required, format!("correct `{key}`"));
+    }
+    found
 }
 
 /// Lists of atom indices, from 0.
