@@ -3,10 +3,11 @@
 
 use crate::common::chains::KT;
 use crate::common::statistics::{check_mean, p_value};
+use phipsi_formats::system::{Force, ForceKind, PeriodicTorsion, RbTorsion, System};
 use phipsi_molecule::deviates::Deviates;
 use phipsi_molecule::{
-    Angles, Atoms, Bath, Clustering, Clusters, Ensemble, FixmanPotential, TorsionModel, WithFixman,
-    draw_momenta,
+    Angles, Atoms, Bath, Clustering, Clusters, Ensemble, FixmanPotential, ForceField, Potential,
+    TorsionModel, WithFixman, draw_momenta,
 };
 use phipsi_motion::Midpoint;
 use phipsi_recursion::DynamicsError;
@@ -118,5 +119,33 @@ fn an_angle_that_may_be_straight_has_its_density() {
         let squares: Vec<f64> = cosines.iter().map(|u| u * u).collect();
         check_mean("⟨cos²θ⟩", &squares, want, 0.0);
         assert!(p > 1e-4, "{p:e}");
+    }
+}
+
+/// Torsions about atoms on a line: without an energy, as force fields have them there, they count nothing; with one they are refused
+/// by name.
+#[test]
+fn torsions_about_a_line_are_zero_or_refused() {
+    let x: Vec<Vec3<f64>> = [0.0, 0.1, 0.22, 0.32].map(|x| Vec3([x, 0.2, -0.1])).to_vec();
+    let periodic = |stiffness: f64| {
+        let torsion = PeriodicTorsion { atoms: [0, 1, 2, 3], periodicity: 2, phase: 0.5, stiffness };
+        ForceKind::PeriodicTorsion(vec![torsion, torsion])
+    };
+    let powers = |slope: f64| {
+        let coefficients = [1.5, 0.0, slope, 0.0, 0.0, 0.0];
+        ForceKind::RbTorsion(vec![RbTorsion { atoms: [0, 1, 2, 3], coefficients }])
+    };
+    let evaluate = |kind: ForceKind| {
+        let force = Force { name: "torsions".into(), class: "torsions".into(), group: 0, line: None, kind };
+        let system = System { masses: vec![1.0; 4], forces: vec![force], ..System::default() };
+        let (mut energy, mut forces) = ([0.0], vec![Vec3::zero(); 4]);
+        ForceField::new(&system).unwrap().evaluate(&x, &mut energy, &mut forces).map(|()| (energy[0], forces))
+    };
+    assert_eq!(evaluate(periodic(0.0)).unwrap(), (0.0, vec![Vec3::zero(); 4]));
+    assert_eq!(evaluate(powers(0.0)).unwrap(), (1.5, vec![Vec3::zero(); 4]));
+    for kind in [periodic(1.0), powers(1.0)] {
+        let error = evaluate(kind).unwrap_err();
+        assert!(error.term == "torsions" && error.message.contains("on a line"), "{error}");
+        assert!(!error.atoms.is_empty());
     }
 }

@@ -517,7 +517,7 @@ fn steps_and_passages_are_those_of_the_discrete_lagrangian() {
     const H: f64 = 0.02;
     let lift = |x: f64| Dd::from_f64(x);
     let mut passed = 0;
-    for seed in 0..12 {
+    for seed in 0..5 {
         let mut start = case_within(seed, Limits { degrees_of_freedom: 1 + seed as usize % 4, decades: 0.0 });
         start.model.normalize(&mut start.q);
         // Speeds of one: a few hundredths of a radian in a step.
@@ -586,5 +586,5 @@ fn steps_and_passages_are_those_of_the_discrete_lagrangian() {
         let of_p = nq..nq + nv;
         assert!(off <= unit * kappa(of_p.clone()), "seed {seed}: {off:e} {:e}", unit * kappa(of_p));
     }
-    assert!(passed >= 8, "{passed}");
+    assert!(passed >= 4, "{passed}");
 }

@@ -27,9 +27,10 @@ impl Midpoint {
         if before.q.len() != self.state.q.len() || before.forces.len() != self.next_p.len() {
             return false;
         }
-        let guess = self.state.guess.clone();
+        // No forces are evaluated: there is room for the guess.
+        self.next_forces.copy_from_slice(&self.state.guess);
         let back = self.step_back(h, before);
-        self.state.guess.copy_from_slice(&guess);
+        self.state.guess.copy_from_slice(&self.next_forces);
         self.placed = false;
         back.is_some() && near(&self.next_q, &before.q, tolerance) && near(&self.next_p, &before.p, tolerance)
     }
