@@ -12,6 +12,14 @@ use phipsi_recursion::{DynamicsError, Kinematics};
 use phipsi_spatial::{Quaternion, Vec3};
 use std::sync::Arc;
 
+/// The forces of a molecule's own.
+pub struct OwnForces {
+    /// The force field, in one or two parts, and Fixman's potential.
+    pub forces: Vec<Box<dyn Force>>,
+    /// What is constant within clusters and evaluated no more.
+    pub left_out: Vec<LeftOut>,
+}
+
 /// A molecule, or several.
 #[derive(Clone)]
 pub struct Molecule {
@@ -48,7 +56,7 @@ impl Molecule {
         }
     }
     /// The forces on a model of its atoms: the force field without what is constant within clusters, at a configuration, and Fixman's
-    /// potential. With what is left out.
+    /// potential.
     ///
     /// # Errors
     /// [`MoleculeErrors`]: no energy at the configuration, closures that are redundant.
@@ -57,7 +65,7 @@ impl Molecule {
         torsion: &Arc<TorsionModel>,
         field: ForceField,
         q: &[f64],
-    ) -> Result<(Vec<Box<dyn Force>>, Vec<LeftOut>), MoleculeErrors> {
+    ) -> Result<OwnForces, MoleculeErrors> {
         let mut forces: Vec<Box<dyn Force>> = Vec::new();
         let mut left_out = Vec::new();
         let parts = match self.inner_steps {
@@ -85,7 +93,7 @@ impl Molecule {
             let potential = FixmanPotential::of(torsion, kt).map_err(|e| MoleculeErrors(vec![e]))?;
             forces.push(Box::new(FixmanForce::from(potential)));
         }
-        Ok((forces, left_out))
+        Ok(OwnForces { forces, left_out })
     }
     /// kT of Fixman's potential, where it acts.
     pub(crate) fn fixman_kt(&self) -> Option<f64> {

@@ -2,7 +2,7 @@
 
 use super::{Dynamics, MotionError};
 use crate::conservative::{Conservative, Part};
-use crate::force::{Force, Loads, Situation};
+use crate::force::{Loads, Situation};
 use phipsi_recursion::potential_energy;
 use phipsi_spatial::Wrench;
 
@@ -32,8 +32,7 @@ impl Dynamics {
                         use \"dop853\" or \"tsit5\"";
             return Err(MotionError::Switch { what: what.into() });
         }
-        let other = |f: &&Box<dyn Force>| !f.needs().conservative || !f.auxiliary().is_empty();
-        match self.forces.iter().find(other) {
+        match self.forces.iter().find(|f| !f.needs().conservative || !f.auxiliary().is_empty()) {
             Some(force) => Err(MotionError::NotConservative { force: force.name().into() }),
             None => Ok(()),
         }

@@ -46,8 +46,8 @@ impl Phase {
         let positions: Vec<Vec3<f64>> = state.positions.iter().map(|x| Vec3(*x)).collect();
         let torsion = Arc::new(schedule.model(changes, widest, &positions).map_err(refused)?);
         let neutral = torsion.model().neutral();
-        let (forces, _) = molecule.forces_on(&torsion, schedule.field.clone(), &neutral).map_err(refused)?;
-        let mut dynamics = Dynamics::new(torsion.model(), forces)?;
+        let own = molecule.forces_on(&torsion, schedule.field.clone(), &neutral).map_err(refused)?;
+        let mut dynamics = Dynamics::new(torsion.model(), own.forces)?;
         dynamics.leave_out_integrals();
         let kinematics = Kinematics::new(dynamics.layout());
         Ok(Phase { torsion, dynamics, kinematics, state })

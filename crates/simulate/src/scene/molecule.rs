@@ -126,12 +126,12 @@ pub(crate) fn read(
     let mut molecule = Molecule::new(torsion.clone(), seed);
     (molecule.temperature, molecule.distribution) = (temperature, Distribution::with_fixman(fixman));
     molecule.inner_steps = inner_steps;
-    let made = molecule.forces_on(&torsion, field.clone(), &start.q).and_then(|(forces, left_out)| {
-        let told = left_out.iter().filter(|l| l.entries[0] > 0);
+    let made = molecule.forces_on(&torsion, field.clone(), &start.q).and_then(|own| {
+        let told = own.left_out.iter().filter(|l| l.entries[0] > 0);
         report.used.extend(told.map(|l| Note::new(None, "left out", l.to_string())));
         let parts = (&*torsion, &field);
         let of_atoms = (&read.atoms, &read.positions[..]);
-        Ok((forces, recluster::schedule(of_atoms, parts, (clustering, changes), report)?))
+        Ok((own.forces, recluster::schedule(of_atoms, parts, (clustering, changes), report)?))
     });
     let own = match made {
         Ok((forces, schedule)) => {
