@@ -308,6 +308,8 @@ def test_wrong_runs(t):
         ({"ensemble": "hmc", "temperature_K": 0.0}, "temperature_K"),
         ({"fixman": True, "temperature_K": 0.0}, "temperature_K"),
         ({"temperature_K": float("nan")}, "temperature_K"),
+        ({"inner_steps": 0}, "inner_steps"),
+        ({"inner_steps": 1001}, "inner_steps"),
         ({"steps": 10**12, "every": 1}, "every"),
     ):
         with pytest.raises(phipsi.ArgumentError) as caught:
@@ -473,3 +475,55 @@ def test_open_angles_and_cartesian_atoms(s):
     atoms = TorsionModel(s, clusters="cartesian")
     assert atoms.degrees_of_freedom == 3 * len(x)
     assert np.ptp(atoms.run(100, dt_fs=0.5, seed=3).conserved) < 2
+
+
+@pytest.mark.parametrize("ensemble", ["nve", "langevin"])
+def test_inner_steps(s, ensemble):
+    def run(model, steps, inner_steps):
+        return model.run(steps, dt_fs=4, ensemble=ensemble, fixman=True, seed=1, every=5, inner_steps=inner_steps)
+
+    plain, one, two, parts = (TorsionModel(s) for _ in range(4))
+    a, b = plain.run(40, dt_fs=4, ensemble=ensemble, fixman=True, seed=1, every=5), run(one, 40, 1)
+    assert np.array_equal(a.positions, b.positions)
+    r = run(two, 40, 2)
+    assert r.steps == 40 and not np.array_equal(r.positions, a.positions)
+    # Both are of second order: they part by the noise of the steps, and the conserved quantity stays.
+    assert np.abs(r.positions - a.positions).max() < 0.01
+    assert np.ptp(r.conserved) < 0.2
+    # Afterwards the model has all of its forces again, and a run in two calls is the one in one.
+    assert np.isclose(two.energy()["total"], s.energy(two.positions)["total"])
+    first, second = run(parts, 20, 2), run(parts, 20, 2)
+    assert np.array_equal(np.concatenate([first.positions, second.positions[1:]]), r.positions)
+    before = two.energy()["total"]
+    two.minimize()
+    assert two.energy()["total"] < before
+    with pytest.raises(phipsi.ArgumentError) as caught:
+        TorsionModel(s, forces=lambda x: (0.0, np.zeros_like(x))).run(1, dt_fs=1, inner_steps=2)
+    assert caught.value.argument == "inner_steps"
+
+
+def test_a_scene_freezes_and_thaws(tmp_path):
+    scene = tmp_path / "scene.toml"
+    pdb, xml = (str(path) for path in MOLECULE)
+    scene.write_text(
+        f"""[molecule]
+pdb = {json.dumps(pdb)}
+system = {json.dumps(xml)}
+temperature_K = 300
+seed = 1
+[[molecule.recluster]]
+time_ps = 0.1
+freeze = ["omega", "methyl"]
+[integrator]
+t_end = 0.2
+step_fs = 4
+inner_steps = 2
+[record]
+every = 0.02
+"""
+    )
+    trajectory = phipsi.simulate(str(scene))
+    assert trajectory.q.shape[0] == 11 and trajectory.v.shape[1] == 13
+    # Five hinges rest after the change: those of two amide bonds and three methyl groups.
+    resting = np.abs(trajectory.v[6:]).max(axis=0) < 1e-8
+    assert resting.sum() == 5 and not (np.abs(trajectory.v[:6]).max(axis=0) < 1e-8).any()

@@ -149,7 +149,8 @@ pub struct MoleculeError {
 }
 
 impl MoleculeError {
-    pub(crate) fn new(
+    /// At a place: what was found, what is required, what to do.
+    pub fn new(
         place: impl Into<String>,
         found: impl Into<String>,
         required: impl Into<String>,

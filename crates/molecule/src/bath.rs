@@ -114,6 +114,21 @@ impl Bath {
         }
         Ok(bath)
     }
+    /// A bath of another model that goes on where this one is: with its random numbers, its heat and its counts. Chains of thermostats,
+    /// whose masses are those of the degrees of freedom, are drawn anew; the heat is less by their energy then.
+    ///
+    /// # Errors
+    /// As [`Bath::new`].
+    pub fn of_another(&self, method: &mut Midpoint) -> Result<Self, MoleculeError> {
+        let mut next = Bath::new(method, self.ensemble, self.kt, 0)?;
+        next.deviates = self.deviates.clone();
+        (next.trials, next.heat) = (self.trials, self.heat);
+        if let Ensemble::NoseHoover { .. } = self.ensemble {
+            next.chains = next.thermostats.draw(&mut next.deviates);
+            next.heat = -next.thermostats.energy(&next.chains);
+        }
+        Ok(next)
+    }
     /// The ensemble.
     pub fn ensemble(&self) -> Ensemble {
         self.ensemble

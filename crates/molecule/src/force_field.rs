@@ -5,6 +5,7 @@
 
 mod born_integrals;
 mod born_pairs;
+mod cells;
 mod check;
 mod cmap;
 mod custom_bonded;

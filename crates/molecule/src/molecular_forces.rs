@@ -184,6 +184,7 @@ impl<P: Potential> Cache<P> {
 /// The [`Situation`] must be one of this torsion model's own [`TorsionModel::model`].
 pub struct PotentialForce<P> {
     name: String,
+    is_slow: bool,
     cache: RefCell<Cache<P>>,
 }
 
@@ -192,7 +193,11 @@ impl<P: Potential> PotentialForce<P> {
     pub fn new(name: impl Into<String>, forces: MolecularForces<P>) -> Self {
         let tau = vec![0.0; forces.torsion.model().nv()];
         let cache = Cache { forces, q: Vec::new(), tau, energy: f64::NAN };
-        PotentialForce { name: name.into(), cache: RefCell::new(cache) }
+        PotentialForce { name: name.into(), is_slow: false, cache: RefCell::new(cache) }
+    }
+    /// The same as a slow part: of several steps in one it acts on the long one alone, [`phipsi_motion::Midpoint::substeps`].
+    pub fn slow(self) -> Self {
+        PotentialForce { is_slow: true, ..self }
     }
 }
 
@@ -202,6 +207,9 @@ impl<P: Potential> Force for PotentialForce<P> {
     }
     fn needs(&self) -> Needs {
         Needs { conservative: true, ..Needs::default() }
+    }
+    fn is_slow(&self) -> bool {
+        self.is_slow
     }
     /// A potential of the atoms' distances leaves their common momentum alone; a periodic box turns it.
     fn is_external(&self, _: &Model) -> bool {

@@ -27,6 +27,7 @@ use phipsi_spatial::Vec3;
 
 /// The kinetic energies of a change of clusters, kJ/mol: `after` = `before` − `removed` + `drawn`, to rounding.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Ledger {
     /// Before.
     pub before: f64,
@@ -114,10 +115,10 @@ pub fn recluster(
 }
 
 /// The space T at one configuration.
-struct Tangent<'a> {
+pub(crate) struct Tangent<'a> {
     torsion: &'a TorsionModel,
     poses: Poses,
-    positions: Vec<Vec3<f64>>,
+    pub(crate) positions: Vec<Vec3<f64>>,
     sweep: ArticulatedSweep<f64>,
     closed: Option<ClosedMomenta<f64>>,
     gather: GatherWorkspace,
@@ -125,7 +126,7 @@ struct Tangent<'a> {
 }
 
 impl<'a> Tangent<'a> {
-    fn new(torsion: &'a TorsionModel, q: &[f64]) -> Result<Self, MoleculeErrors> {
+    pub(crate) fn new(torsion: &'a TorsionModel, q: &[f64]) -> Result<Self, MoleculeErrors> {
         let (mut poses, mut positions) = (torsion.poses(), vec![Vec3::zero(); torsion.atoms().len()]);
         torsion.positions_into(q, &mut poses, &mut positions).map_err(|e| failed(&e))?;
         let mut closed = None;
@@ -145,13 +146,13 @@ impl<'a> Tangent<'a> {
         })
     }
     /// u = J v.
-    fn spread(&self, v: &[f64]) -> Result<Vec<Vec3<f64>>, DynamicsError> {
+    pub(crate) fn spread(&self, v: &[f64]) -> Result<Vec<Vec3<f64>>, DynamicsError> {
         let mut u = vec![Vec3::zero(); self.positions.len()];
         self.torsion.velocities_into(&self.poses, v, &mut u)?;
         Ok(u)
     }
     /// v of the velocities in T that are nearest to u.
-    fn project(&mut self, u: &[Vec3<f64>]) -> Result<Vec<f64>, DynamicsError> {
+    pub(crate) fn project(&mut self, u: &[Vec3<f64>]) -> Result<Vec<f64>, DynamicsError> {
         let momenta: Vec<Vec3<f64>> =
             u.iter().zip(&self.torsion.atoms().masses).map(|(u, m)| u.scale(*m)).collect();
         let mut p = vec![0.0; self.torsion.model().nv()];
@@ -179,7 +180,7 @@ fn subtract(a: &mut [Vec3<f64>], b: &[Vec3<f64>]) {
     a.iter_mut().zip(b).for_each(|(a, b)| *a -= *b);
 }
 
-fn failed(e: &DynamicsError) -> MoleculeErrors {
+pub(crate) fn failed(e: &DynamicsError) -> MoleculeErrors {
     let remedy = "give q and v of the same model, and keep hinges that move nothing rigid";
     MoleculeErrors(vec![MoleculeError::new("state", e.to_string(), "a state of the torsion model", remedy)])
 }

@@ -98,3 +98,107 @@ impl<'a> Surface<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use phipsi_model::Random;
+    use phipsi_reference::generate::Case;
+    use phipsi_reference::loops::{TOLERANCE, closed_again, closed_case};
+    use phipsi_reference::sensitivity::{sensitivity, widened};
+    use phipsi_reference::{along_closures, mass_matrix, solve_mass_matrix, tangent_part};
+    use phipsi_spatial::Dd;
+
+    fn largest<'a>(x: impl IntoIterator<Item = &'a f64>) -> f64 {
+        x.into_iter().fold(0.0, |most, x| most.max(x.abs()))
+    }
+
+    /// On generated mechanisms with loops of any rank, against the dense equations in double-double numbers.
+    #[test]
+    fn forces_and_directions_are_those_of_the_dense_equations() {
+        let mut closed_ones = 0;
+        for seed in 0..40 {
+            let generated = closed_case(seed);
+            let (case, drafts) = (&generated.case, &generated.drafts);
+            let n = case.model.nv();
+            // x and f + J*λ of the forces τ, and the part of v along the closures.
+            let dense = |case: &Case| -> Vec<Dd> {
+                let again = closed_again(case, drafts).case;
+                let (q, f, d) = (widened(&again.q), widened(&case.tau), widened(&case.a));
+                let [x, p] = along_closures(&again.model, &q, &f, TOLERANCE).unwrap();
+                let along = tangent_part(&again.model, &q, &d, TOLERANCE).unwrap();
+                [x, p, along].concat()
+            };
+            let (exact, size) = sensitivity(case, 3, seed, dense);
+            // Closures that hold to rounding of their frames: exact again at the case's own numbers.
+            let q = widened(&case.q);
+            let [x, p] = along_closures(&case.model, &q, &widened(&case.tau), TOLERANCE).unwrap();
+            let along = tangent_part(&case.model, &q, &widened(&case.a), TOLERANCE).unwrap();
+            let model = &case.model;
+            let layout = Layout::new(&model.clone().without_closures());
+            let mut start = case.q.clone();
+            let mut surface = Surface::new(model, &layout, &mut start).unwrap();
+            surface.place(&case.q).unwrap();
+            let (mut f, mut solved, mut d) = (case.tau.clone(), case.tau.clone(), case.a.clone());
+            surface.along(&case.q, &mut f).unwrap();
+            surface.solve(&mut solved);
+            let square = surface.tangent(&case.q, &mut d);
+            let rows: usize =
+                model.closures().iter().map(|c| c.kind.rows()).sum::<usize>() + model.couplings().len();
+            closed_ones += usize::from(rows > 0);
+            // n·ε·κ, κ of each of the three vectors as a whole; a factor for the products of a solution and its refinement.
+            let unit = 64.0 * (model.len() + n + rows) as f64 * f64::EPSILON;
+            // What loops take away from the open tree's is as uncertain as that.
+            let free = solve_mass_matrix(model, &case.q, &case.tau).unwrap();
+            let open = [largest(&free), largest(&case.tau), largest(&case.a)];
+            let kappa = |k: usize| {
+                let own = exact[k * n..(k + 1) * n].iter().map(|x| &x.hi);
+                largest(&size[k * n..(k + 1) * n]).max(largest(own)).max(open[k])
+            };
+            for (k, (own, want)) in [(&solved, &x), (&f, &p), (&d, &along)].into_iter().enumerate() {
+                let off = own.iter().zip(want).map(|(a, b)| (a - b.hi).abs()).fold(0.0, f64::max);
+                assert!(off <= unit * kappa(k), "seed {seed}, vector {k}: {off:e} {:e}", unit * kappa(k));
+            }
+            let m = mass_matrix(model, &case.q);
+            let moved: f64 = (0..n).map(|i| (0..n).map(|j| d[i] * m[(i, j)] * d[j]).sum::<f64>()).sum();
+            let terms: f64 =
+                (0..n).map(|i| (0..n).map(|j| (d[i] * m[(i, j)] * d[j]).abs()).sum::<f64>()).sum();
+            let whole = kappa(2) * largest(m.iter()) * kappa(2);
+            assert!((square - moved).abs() <= unit * (terms + whole), "seed {seed}: {square} {moved}");
+        }
+        assert!(closed_ones > 20, "{closed_ones}");
+    }
+
+    /// A step along the closures is put on them within second order.
+    #[test]
+    fn steps_end_on_the_closures() {
+        let mut compared = 0;
+        for seed in 0..60 {
+            let generated = closed_case(seed);
+            let (model, n) = (&generated.case.model, generated.case.model.nv());
+            let layout = Layout::new(&model.clone().without_closures());
+            let mut q = generated.case.q.clone();
+            let mut surface = Surface::new(model, &layout, &mut q).unwrap();
+            let mut random = Random::new(seed);
+            let mut d: Vec<f64> = (0..n).map(|_| random.signed()).collect();
+            surface.place(&q).unwrap();
+            surface.tangent(&q, &mut d);
+            let size = largest(&d);
+            if model.closures().is_empty() || size < 1e-6 {
+                continue;
+            }
+            d.iter_mut().for_each(|x| *x *= 1e-3 / size);
+            let mut off = |factor: f64| {
+                let step: Vec<f64> = d.iter().map(|x| factor * x).collect();
+                let mut out = q.clone();
+                assert!(surface.retract(&q, &step, &mut out), "seed {seed}");
+                largest(&model.difference(&model.integrate(&q, &step), &out))
+            };
+            let (whole, half) = (off(1.0), off(0.5));
+            // What is left of 1e-3 in second order: by a factor of 4, or at rounding of the projection.
+            assert!(half <= 0.35 * whole + 1e-10, "seed {seed}: {whole:e} {half:e}");
+            compared += usize::from(whole > 1e-9);
+        }
+        assert!(compared > 3, "{compared}");
+    }
+}

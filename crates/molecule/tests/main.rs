@@ -11,5 +11,6 @@ mod nve;
 mod pair_sums;
 mod recluster;
 mod rings;
+mod straight;
 mod torsion_model;
 mod velocities;

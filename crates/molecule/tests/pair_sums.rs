@@ -1,7 +1,8 @@
 //! Sums over pairs against the plain double loops of the same formulas, on generated atoms; and their reproducibility.
 
 use phipsi_formats::system::{
-    Cutoff, Force, ForceKind, GbsaObc, GbsaParticle, Nonbonded, NonbondedException, NonbondedParticle, System,
+    Cutoff, Force, ForceKind, GbsaObc, GbsaParticle, Nonbonded, NonbondedException, NonbondedParticle,
+    Periodic, System,
 };
 use phipsi_model::Random;
 use phipsi_molecule::{ForceField, Potential};
@@ -79,8 +80,11 @@ fn evaluate(field: &mut ForceField, x: &[V]) -> (f64, Vec<V>) {
 }
 
 /// Adds a force along the line between two atoms.
-fn push(forces: &mut [V], x: &[V], [i, j]: [usize; 2], by_r: f64) {
-    let d = x[j] - x[i];
+fn push(forces: &mut [V], x: &[V], atoms: [usize; 2], by_r: f64) {
+    push_along(forces, x[atoms[1]] - x[atoms[0]], atoms, by_r);
+}
+
+fn push_along(forces: &mut [V], d: V, [i, j]: [usize; 2], by_r: f64) {
     let force = d.scale(-by_r / d.norm());
     forces[i] -= force;
     forces[j] += force;
@@ -105,6 +109,31 @@ fn reaction_field(r: f64, cutoff: f64, e: f64) -> [f64; 2] {
     [k * r * r - 3.0 * e / (2.0 * e + 1.0) / cutoff, 2.0 * k * r]
 }
 
+/// The shortest of all images of d.
+fn nearest(d: V, periodic: Option<Periodic>) -> V {
+    let Some(periodic) = periodic else { return d };
+    let [a, b, c] = periodic.box_vectors.map(Vec3);
+    let mut images = Vec::new();
+    for i in -3..=3 {
+        for j in -3..=3 {
+            for k in -3..=3 {
+                images.push(d + a.scale(f64::from(i)) + b.scale(f64::from(j)) + c.scale(f64::from(k)));
+            }
+        }
+    }
+    images.into_iter().min_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap()
+}
+
+/// The image of an exception, which may be farther than half a width: by OpenMM's formula.
+fn reduced(mut d: V, periodic: Option<Periodic>) -> V {
+    for k in [2, 1, 0] {
+        if let Some(vector) = periodic.map(|p| p.box_vectors[k]) {
+            d -= Vec3(vector).scale((d.0[k] / vector[k]).round());
+        }
+    }
+    d
+}
+
 fn plain_nonbonded(force: &Nonbonded, x: &[V]) -> (f64, Vec<V>, f64) {
     let ordered = |[i, j]: [usize; 2]| [i.min(j), i.max(j)];
     let exceptions: HashMap<_, _> = force.exceptions.iter().map(|e| (ordered(e.atoms), e)).collect();
@@ -116,11 +145,16 @@ fn plain_nonbonded(force: &Nonbonded, x: &[V]) -> (f64, Vec<V>, f64) {
                 Some(e) => (e.charge_product, e.sigma, e.epsilon),
                 None => (a.charge * b.charge, 0.5 * (a.sigma + b.sigma), (a.epsilon * b.epsilon).sqrt()),
             };
-            let r = (x[j] - x[i]).norm();
+            let is_exception = exceptions.contains_key(&[i, j]);
+            let d = match is_exception {
+                true => reduced(x[j] - x[i], force.periodic.filter(|p| p.exceptions)),
+                false => nearest(x[j] - x[i], force.periodic),
+            };
+            let r = d.norm();
             let s6 = (sigma / r).powi(6);
             let lennard_jones =
                 [4.0 * epsilon * (s6 * s6 - s6), -4.0 * epsilon * (12.0 * s6 * s6 - 6.0 * s6) / r];
-            let cutoff = force.cutoff.filter(|_| !exceptions.contains_key(&[i, j]));
+            let cutoff = force.cutoff.filter(|_| !is_exception);
             if cutoff.is_some_and(|c| r >= c.distance) {
                 continue;
             }
@@ -133,7 +167,8 @@ fn plain_nonbonded(force: &Nonbonded, x: &[V]) -> (f64, Vec<V>, f64) {
             energy += factor * lennard_jones[0] + coulomb;
             sizes += 4.0 * epsilon * (s6 * s6 + s6) + (COULOMB * charges / r).abs();
             let by_r = factor * lennard_jones[1] + factor_by_r * lennard_jones[0];
-            push(&mut forces, x, [i, j], by_r + COULOMB * charges * (field_by_r - 1.0 / (r * r)));
+            let by_r = by_r + COULOMB * charges * (field_by_r - 1.0 / (r * r));
+            push_along(&mut forces, d, [i, j], by_r);
         }
     }
     (energy, forces, sizes)
@@ -244,6 +279,40 @@ fn nonbonded_pairs_are_those_of_the_double_loop() {
     }
 }
 
+/// Right and strongly oblique boxes whose least width is barely two cutoffs, with atoms that have left them.
+#[test]
+fn pairs_in_a_box_are_those_of_all_images() {
+    for n in [7, 100, 413] {
+        let side = (1..).find(|side| side * side * side >= n).unwrap();
+        let a = 0.15 * f64::from(side as u32);
+        for [p, q, r] in [[0.0; 3], [0.5, 0.5, 0.5], [-0.5, 0.5, -0.5], [0.3, -0.5, 0.1]] {
+            for (exceptions, switching) in [(false, None), (true, Some(0.3 * a))] {
+                let box_vectors = [[a, 0.0, 0.0], [p * a, 1.1 * a, 0.0], [q * a, r * a, 1.3 * a]];
+                let mut random = Random::new(n as u64);
+                let force = nonbonded(n, true, &mut random);
+                let place = |i: usize, random: &mut Random| {
+                    let cell = [i % side, i / side % side, i / side / side];
+                    let turns = [(); 3].map(|()| random.below(3) as f64 - 1.0);
+                    // Exceptions that see no images are within one box.
+                    let turns = if exceptions { turns } else { [0.0; 3] };
+                    let s =
+                        [0, 1, 2].map(|k| (cell[k] as f64 + 0.33 * random.signed()) / side as f64 + turns[k]);
+                    (0..3).fold(Vec3([0.0; 3]), |sum, k| sum + Vec3(box_vectors[k]).scale(s[k]))
+                };
+                let x: Vec<V> = (0..n).map(|i| place(i, &mut random)).collect();
+                let force = Nonbonded {
+                    cutoff: Some(Cutoff { distance: 0.499 * a, switching }),
+                    periodic: Some(Periodic { box_vectors, exceptions, dispersion_correction: false }),
+                    reaction_field_dielectric: 5.0,
+                    ..force
+                };
+                let found = evaluate(&mut field(n, ForceKind::Nonbonded(force.clone())), &x);
+                compare(&format!("{n} atoms in {box_vectors:?}"), &found, &plain_nonbonded(&force, &x));
+            }
+        }
+    }
+}
+
 #[test]
 fn born_energies_are_those_of_the_double_loop() {
     for n in SIZES {
@@ -278,7 +347,13 @@ fn kinds(n: usize, random: &mut Random) -> Vec<ForceKind> {
         let born = GbsaObc { cutoff: cutoff.map(|c| c.distance), ..born.clone() };
         [ForceKind::Nonbonded(pairs), ForceKind::GbsaObc(born)]
     };
-    CUTOFFS.into_iter().flat_map(each).collect()
+    let box_vectors = [[1.2, 0.0, 0.0], [0.6, 1.2, 0.0], [-0.6, 0.5, 1.2]];
+    let periodic = Nonbonded {
+        cutoff: CUTOFFS[2],
+        periodic: Some(Periodic { box_vectors, exceptions: false, dispersion_correction: true }),
+        ..pairs.clone()
+    };
+    CUTOFFS.into_iter().flat_map(each).chain([ForceKind::Nonbonded(periodic)]).collect()
 }
 
 /// A list of neighbours made elsewhere leaves no trace either.

@@ -283,6 +283,48 @@ fn fixmans_force_is_the_gradient_along_the_closed_rings() {
     }
 }
 
+/// ln det M, ln det(G M⁻¹ G*) and their gradients along the closed rings, against dense matrices and dual numbers, at thermal states.
+#[test]
+fn the_potential_of_rings_is_that_of_dense_matrices() {
+    for (name, seeds) in [("ace_pro_nme", 0..3), ("caac_ss", 3..4)] {
+        let (torsion, mut forces) = model(name, "min", &flexible());
+        let mut fixman = FixmanPotential::of(&torsion, KT).unwrap();
+        let length = ClosedMomenta::<f64>::new(torsion.model()).unwrap().dynamics().length();
+        let tree = torsion.model().clone().without_closures();
+        for seed in seeds {
+            let q = thermal(&torsion, &mut forces, (300.0, 0.001, seed)).state().q.clone();
+            let nv = torsion.model().nv();
+            let mut force = vec![0.0; nv];
+            let energy = fixman.evaluate(&q, &mut force).unwrap();
+            let (log, of_rings) = phipsi_reference::ring_determinant(torsion.model(), &q, length).unwrap();
+            let of_mass = phipsi_reference::log_determinant_gradient(&tree, &q).unwrap();
+            let mut want = 0.5 * KT * (phipsi_reference::log_determinant(&tree, &q).unwrap() + log);
+            let mut slope: Vec<f64> =
+                of_rings.iter().zip(&of_mass).map(|(a, b)| -0.5 * KT * (a + b)).collect();
+            for (c, dof, start) in torsion.open_angles() {
+                let (sin, cos) = (start + q[c]).sin_cos();
+                want -= KT * sin.abs().ln();
+                slope[dof] += KT * cos / sin;
+            }
+            // n·ε·κ: both sides solve with M, whose condition is κ.
+            let eigen = phipsi_reference::mass_matrix(&tree, &q).symmetric_eigenvalues();
+            let kappa = eigen.max() / eigen.min();
+            let bar = 8.0 * nv as f64 * f64::EPSILON * kappa * KT;
+            assert!((energy - want).abs() < bar * nv as f64, "{name}, {seed}: {energy} {want}");
+            let mut deviates = Deviates::new(seed);
+            let size = largest(of_rings.iter().chain(&of_mass).copied());
+            for _ in 0..nv {
+                let mut v = vec![0.0; nv];
+                deviates.fill_normal(&mut v);
+                torsion.close_velocities(&q, &mut v).unwrap();
+                let norm = v.iter().map(|x| x * x).sum::<f64>().sqrt();
+                let off: f64 = force.iter().zip(&slope).zip(&v).map(|((a, b), v)| (a - b) * v).sum();
+                assert!(off.abs() < bar * size * norm, "{name}, {seed}: {off:e} {:e}", bar * size * norm);
+            }
+        }
+    }
+}
+
 /// Langevin dynamics with Fixman's potential on rings conserves its energy to second order, as its force is the gradient.
 #[test]
 fn fixmans_potential_on_rings_keeps_the_energy() {

@@ -3,7 +3,6 @@
 //! Auxiliary slots, in this order: the work of non-conservative forces (if the plan integrates it), the impulse of external
 //! forces (angular about the centre of mass, linear; world axes), then each force's own.
 
-use crate::conservative::Conservative;
 use crate::constraints::Constraints;
 use crate::event::Events;
 use crate::force::{Force, ForceError, Loads, Situation};
@@ -14,11 +13,11 @@ use crate::system::{Linearization, Projected, System, differences};
 use phipsi_model::Model;
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{
-    DynamicsError, Form, FormChoice, FormForwardDynamics, InverseDynamics, Kinematics, Layout,
-    center_of_mass, potential_energy,
+    DynamicsError, Form, FormChoice, FormForwardDynamics, InverseDynamics, Kinematics, Layout, center_of_mass,
 };
 use phipsi_spatial::{Vec3, Wrench};
 
+mod conservative;
 mod error;
 mod linearization;
 mod switching;
@@ -514,47 +513,5 @@ impl System for Dynamics {
             self.auxiliary_rates(t, (q, v, aux), out)?;
         }
         Ok(0)
-    }
-}
-
-/// Weight and conservative forces, for the midpoint method.
-impl Conservative for Dynamics {
-    type Error = MotionError;
-
-    fn evaluate(&mut self, q: &[f64], out: &mut [f64]) -> Result<f64, MotionError> {
-        if self.is_prescribed() {
-            return Err(MotionError::Driven);
-        }
-        if self.is_switching() {
-            let what = "the midpoint method knows no stops, dry friction and events that change the state; \
-                        use \"dop853\" or \"tsit5\"";
-            return Err(MotionError::Switch { what: what.into() });
-        }
-        if let Some(force) = self.forces.iter().find(|f| !f.needs().conservative || !f.auxiliary().is_empty())
-        {
-            return Err(MotionError::NotConservative { force: force.name().into() });
-        }
-        let rest = std::mem::take(&mut self.rest);
-        let result = self.evaluate_at(q, &rest, out);
-        self.rest = rest;
-        result
-    }
-}
-
-impl Dynamics {
-    fn evaluate_at(&mut self, q: &[f64], rest: &[f64], out: &mut [f64]) -> Result<f64, MotionError> {
-        self.tau.iter_mut().for_each(|x| *x = 0.0);
-        self.wrenches.iter_mut().for_each(|w| *w = Wrench::zero());
-        self.place(q, rest)?;
-        self.add_forces(true, (0.0, q, rest), &[], &mut [])?;
-        let (model, layout, kinematics) = (&self.model, &self.layout, Some(&self.kinematics));
-        let at = Situation { model, layout, t: 0.0, q, v: rest, kinematics };
-        let springs: f64 = self.forces.iter().map(|f| f.potential(&at)).sum();
-        // What holds the tree at rest against weight and wrenches is their opposite.
-        self.inverse.run(&self.layout, q, rest, rest, Some(&self.wrenches), out)?;
-        for (out, tau) in out.iter_mut().zip(&self.tau) {
-            *out = tau - *out;
-        }
-        Ok(potential_energy(&self.layout, q)? + springs)
     }
 }

@@ -143,6 +143,10 @@ pub trait Force: Send {
     fn another(&self) -> Option<Box<dyn Force>> {
         None
     }
+    /// True if it changes slowly: the midpoint method then evaluates it once in [`crate::Midpoint::substeps`] steps, if it is conservative.
+    fn is_slow(&self) -> bool {
+        false
+    }
     /// Times at which it is not smooth: steps end there.
     fn breaks(&self) -> Vec<f64> {
         Vec::new()

@@ -17,9 +17,7 @@
 //! reversible, of second order. The iteration is M d = r + J* λ, J d = Φ(q⁺)/h with the factors at q: d depends on v alone, so
 //! that the same mixing serves.
 //!
-//! Multiple time steps (reversible reference system propagator, Tuckerman, Berne, Martyna 1992): where the system has a slow
-//! part, a step is half a kick of it, [`Midpoint::substeps`] steps with the rest, half a kick of it: three maps that are each
-//! symplectic and reversible, of second order.
+//! Multiple time steps are in `midpoint/multiple_steps.rs`.
 //!
 //! Momenta about still axes ([`Model::still_axes`]) are zero. The discrete Lagrangian does not change when such a body is turned
 //! about its axis, so that the drift keeps them; their rounding is taken away after each step.
@@ -34,6 +32,9 @@ use phipsi_closure::{ClosedMomenta, Conditions};
 use phipsi_model::{Model, StillAxis};
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{ArticulatedSweep, DynamicsError, Layout};
+
+mod multiple_steps;
+mod retrace;
 
 /// A drift that has not converged by then does not: the contraction would have to be worse than 0.8.
 const MOST_ITERATIONS: usize = 100;
@@ -308,16 +309,6 @@ impl Midpoint {
         (s.potential, s.slow) = (potential + of_slow, slow);
         Ok(())
     }
-    /// Evaluates the slow part at the present configuration where it has not been.
-    fn find_slow<C: Conservative>(&mut self, system: &mut C) -> Result<(), MidpointError<C::Error>> {
-        let s = &mut self.state;
-        if system.has_slow() && s.slow.is_empty() {
-            let mut slow = vec![0.0; s.p.len()];
-            s.potential += evaluate(system, Part::Slow, &self.layout, s.t, &s.q, &mut slow)?;
-            s.slow = slow;
-        }
-        Ok(())
-    }
     /// Goes back to a state of this method: [`Midpoint::restore`] without an allocation.
     ///
     /// # Errors
@@ -396,71 +387,6 @@ impl Midpoint {
     pub fn kinetic_energy(&mut self) -> Result<f64, DynamicsError> {
         self.velocity()?;
         Ok(0.5 * dot(&self.velocity, &self.state.p))
-    }
-
-    /// One step of size h: half a kick, a drift, the forces at its end, half a kick; between half-kicks of the slow part, where
-    /// the system has one, as many of them as [`Midpoint::substeps`]. h may be negative.
-    ///
-    /// # Errors
-    /// [`MidpointError`]; the state is that before the step.
-    pub fn step<C: Conservative>(
-        &mut self,
-        system: &mut C,
-        h: f64,
-    ) -> Result<DriftInfo, MidpointError<C::Error>> {
-        if !system.has_slow() {
-            return self.step_once(system, h);
-        }
-        let mut saved = self.saved.take().unwrap_or_else(|| Box::new(self.state.clone()));
-        saved.copy(&self.state);
-        let done = self.step_several(system, h);
-        if done.is_err() {
-            self.state.copy(&saved);
-            self.moved();
-        }
-        self.saved = Some(saved);
-        done
-    }
-
-    /// Half a kick of the slow part, steps with the fast one, half a kick. The iterations are those of the worst drift.
-    fn step_several<C: Conservative>(
-        &mut self,
-        system: &mut C,
-        h: f64,
-    ) -> Result<DriftInfo, MidpointError<C::Error>> {
-        self.find_slow(system)?;
-        let (start, steps) = (self.state.t, self.state.steps);
-        let failed = |cause| MidpointError::Dynamics { t: start, cause };
-        self.kick(0.5 * h).map_err(failed)?;
-        let n = self.substeps.max(1);
-        let mut worst = DriftInfo { iterations: 0, correction: 0.0 };
-        for _ in 0..n {
-            let info = self.step_once(system, h / n as f64)?;
-            if info.iterations > worst.iterations {
-                worst = info;
-            }
-        }
-        let s = &mut self.state;
-        (s.t, s.steps) = (start + h, steps + 1);
-        s.potential += evaluate(system, Part::Slow, &self.layout, s.t, &s.q, &mut s.slow)?;
-        self.kick(0.5 * h).map_err(failed)?;
-        Ok(worst)
-    }
-
-    /// p ← p + h Q of the slow part; with loops, its part in the cotangent space of the closures.
-    fn kick(&mut self, h: f64) -> Result<(), DynamicsError> {
-        for (y, (p, force)) in self.y.iter_mut().zip(self.state.p.iter().zip(&self.state.slow)) {
-            *y = p + h * force;
-        }
-        self.still.iter().for_each(|axis| axis.remove(&mut self.y));
-        self.loops()?;
-        match &mut self.closed {
-            Some(closed) => closed.solve(&self.y, None, &mut self.velocity, &mut self.state.p),
-            None => {
-                self.state.p.copy_from_slice(&self.y);
-                Ok(())
-            }
-        }
     }
 
     /// Half a kick, a drift, the forces at its end, half a kick.

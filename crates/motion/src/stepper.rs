@@ -164,8 +164,11 @@ impl Stepper {
     pub fn counts(&self) -> [u64; 3] {
         match &self.0 {
             Kind::Explicit(i) => i.counts(),
-            // One evaluation a step, and the one at the start.
-            Kind::Midpoint(m) => [m.method.state().steps, 0, m.method.state().steps + 1],
+            // One evaluation (of the fast forces) a step, or a short step of several, and the one at the start.
+            Kind::Midpoint(m) => {
+                let steps = m.method.state().steps;
+                [steps, 0, steps * m.method.substeps.max(1) as u64 + 1]
+            }
         }
     }
     /// What happened in the last step.

@@ -504,3 +504,87 @@ fn forces_without_a_potential_are_refused() {
     let error = Midpoint::new(&model, &mut dynamics, 0.0, &[0.1], &[0.0]).unwrap_err();
     assert!(error.to_string().contains("`damper`"), "{error}");
 }
+
+/// Steps and events at fixed times against the discrete Lagrangian in double-double numbers, on generated trees under weight.
+#[test]
+fn steps_and_passages_are_those_of_the_discrete_lagrangian() {
+    use phipsi_motion::{Action, Direction, Event, Scheme, Stepper};
+    use phipsi_reference::fixed_midpoint::{midpoint_step, passage};
+    use phipsi_reference::generate::{Case, Limits, case_within};
+    use phipsi_reference::gravity_forces;
+    use phipsi_reference::sensitivity::{sensitivity, widened};
+    const STEPS: usize = 4;
+    const H: f64 = 0.02;
+    let lift = |x: f64| Dd::from_f64(x);
+    let mut passed = 0;
+    for seed in 0..5 {
+        let mut start = case_within(seed, Limits { degrees_of_freedom: 1 + seed as usize % 4, decades: 0.0 });
+        start.model.normalize(&mut start.q);
+        // Speeds of one: a few hundredths of a radian in a step.
+        let fastest = start.v.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+        start.v.iter_mut().for_each(|x| *x /= fastest.max(1.0));
+        let path = |case: &Case| -> Vec<(Vec<Dd>, Vec<Dd>)> {
+            let model = &case.model;
+            let weight = |q: &[Dd]| gravity_forces(model, q).into_iter().map(|x| -x).collect::<Vec<Dd>>();
+            let mut q = widened(&case.q);
+            model.normalize(&mut q);
+            let p = phipsi_reference::multiply_by_mass_matrix(model, &q, &widened(&case.v));
+            let mut states = vec![(q, p)];
+            for _ in 0..STEPS {
+                let (q, p) = states.last().unwrap();
+                states.push(midpoint_step(model, (q, p), lift(H), &weight).unwrap());
+            }
+            states
+        };
+        let at_end = |case: &Case| {
+            let (q, p) = path(case).pop().unwrap();
+            [q, p].concat()
+        };
+        let (_, size) = sensitivity(&start, 2, seed, at_end);
+        let states = path(&start);
+        let model = &start.model;
+        let (nq, nv) = (model.nq(), model.nv());
+        // A level that the middle of the third step has passed.
+        let c = (0..nq).max_by(|&a, &b| {
+            let moved = |i: usize| (states[3].0[i] - states[2].0[i]).hi.abs();
+            moved(a).total_cmp(&moved(b))
+        });
+        let c = c.unwrap();
+        let level = 0.5 * (states[2].0[c].hi + states[3].0[c].hi);
+        let event = Event::new("level", Direction::Either, Action::Record, move |at| at.q[c] - level);
+        let mut dynamics = Dynamics::new(model, vec![]).unwrap().with_events(vec![event]);
+        dynamics.leave_out_integrals();
+        let state = phipsi_model::State { q: start.q.clone(), v: start.v.clone(), t: 0.0 };
+        let scheme = Scheme::Midpoint { step: H };
+        let mut stepper = Stepper::new(&mut dynamics, scheme, Tolerances::new(1e-9), &state, &[]).unwrap();
+        let weight = |q: &[Dd]| gravity_forces(model, q).into_iter().map(|x| -x).collect::<Vec<Dd>>();
+        // n·ε·κ for every step, with a drift that is solved to some roundings of its velocity.
+        let kappa = |range: std::ops::Range<usize>| size[range].iter().fold(0.0f64, |m, x| m.max(*x));
+        let unit = 64.0 * STEPS as f64 * (model.len() + nv) as f64 * f64::EPSILON;
+        for n in 0..STEPS {
+            stepper.step(&mut dynamics, 1.0, false).unwrap();
+            let (q, _) = &states[n + 1];
+            let off = stepper.q().iter().zip(q).map(|(a, b)| (a - b.hi).abs()).fold(0.0, f64::max);
+            assert!(off <= unit * kappa(0..nq), "seed {seed}, step {n}: {off:e} {:e}", unit * kappa(0..nq));
+            let found = stepper.occurrences();
+            let (before, after) = (states[n].0[c].hi - level, q[c].hi - level);
+            if before * after >= 0.0 {
+                assert!(found.is_empty(), "seed {seed}, step {n}");
+                continue;
+            }
+            let from = (&states[n].0[..], &states[n].1[..]);
+            let theta = passage(model, from, lift(H), &weight, &|q: &[Dd]| q[c] - lift(level)).unwrap();
+            let want = n as f64 * H + theta.to_f64() * H;
+            assert_eq!(found.len(), 1, "seed {seed}, step {n}");
+            let rate = (after - before).abs() / H;
+            let allowed = 8.0 * f64::EPSILON + unit * kappa(0..nq) / rate;
+            assert!((found[0].t - want).abs() <= allowed, "seed {seed}: {} {want} {allowed:e}", found[0].t);
+            passed += 1;
+        }
+        let p = multiply_by_mass_matrix(&Layout::new(model), stepper.q(), stepper.v()).unwrap();
+        let off = p.iter().zip(&states[STEPS].1).map(|(a, b)| (a - b.hi).abs()).fold(0.0, f64::max);
+        let of_p = nq..nq + nv;
+        assert!(off <= unit * kappa(of_p.clone()), "seed {seed}: {off:e} {:e}", unit * kappa(of_p));
+    }
+    assert!(passed >= 4, "{passed}");
+}

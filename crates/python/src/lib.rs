@@ -42,6 +42,7 @@ mod torsion_model;
 mod torsion_positions;
 mod torsion_recluster;
 mod torsion_run;
+mod torsion_split;
 mod trajectory;
 mod velocities;
 

@@ -254,6 +254,9 @@ impl TorsionModel {
     ///     trajectories: rounded up.
     /// relaxation_ps : of "nose_hoover".
     /// trajectory_steps : steps of a trajectory of "hmc"; None: 50 fs.
+    /// inner_steps : steps with bonds, angles and torsions in one of dt_fs, which pairs (1-4 pairs included) take; more than 1: multiple
+    ///     time steps, of second order and reversible, with one evaluation of pairs for each dt_fs. Collisions, which are pairs, set
+    ///     the step of torsions: the noise of the energy of alanine dipeptide was at most 2.4 times smaller, that of met-enkephalin hardly.
     ///
     /// Returns
     /// -------
@@ -276,7 +279,7 @@ impl TorsionModel {
     /// >>> r.distribution, r.degrees_of_freedom, r.acceptance > 0.8
     /// ('stiff limit', 13, True)
     #[pyo3(signature = (steps, dt_fs, ensemble = "nve", temperature_K = 300.0, friction_per_ps = 1.0, seed = 0,
-        fixman = false, trajectory = None, *, every = None, relaxation_ps = 0.1, trajectory_steps = None))]
+        fixman = false, trajectory = None, *, every = None, relaxation_ps = 0.1, trajectory_steps = None, inner_steps = 1))]
     #[allow(non_snake_case, clippy::too_many_arguments)]
     fn run(
         &self,
@@ -292,8 +295,10 @@ impl TorsionModel {
         every: Option<u64>,
         relaxation_ps: f64,
         trajectory_steps: Option<u64>,
+        inner_steps: u64,
     ) -> PyResult<Run> {
         positive(py, "dt_fs", dt_fs)?;
+        let inner_steps = self.inner_steps(py, inner_steps)?;
         let h = dt_fs * 1e-3;
         let ensemble = match ensemble {
             "nve" => Ensemble::ConstantEnergy,
@@ -346,11 +351,18 @@ impl TorsionModel {
         };
         let order = Order { steps, every, h, ensemble, kelvin: temperature_K, seed };
         let (mut done, mut before) = (0, Trials::default());
+        let is_split = inner_steps > 1;
+        if is_split {
+            py.detach(|| self.lock().split(&self.torsion, &self.loaded, inner_steps));
+        }
         let stopped = self.advance(py, &order, &mut records, &mut done, &mut before);
-        if fixman {
-            // What the model keeps is without Fixman's potential; at a state that had forces there are some.
+        if fixman || is_split {
+            // What the model keeps is without Fixman's potential and in one part; at a state that had forces there are some.
             let refreshed = py.detach(|| {
                 let mut moving = self.lock();
+                if is_split {
+                    moving.join(&self.torsion, &self.loaded);
+                }
                 let Moving { forces, method, stale, .. } = &mut *moving;
                 let refreshed = method.refresh(forces);
                 *stale = refreshed.is_err();

@@ -257,6 +257,10 @@ impl fmt::Display for Checked {
                 writeln!(f, "ensemble: {ensemble}")?;
                 writeln!(f, "distribution: {distribution}")?;
             }
+            if !plan.changes.is_empty() {
+                writeln!(f, "freeze and thaw:")?;
+                plan.changes.iter().try_for_each(|line| writeln!(f, "  {line}"))?;
+            }
             writeln!(f, "left out:")?;
             for line in &plan.left_out {
                 writeln!(f, "  {line}")?;

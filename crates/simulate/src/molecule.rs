@@ -1,12 +1,24 @@
 //! What a scene of a molecule has besides its mechanism: atoms, their positions, backbone angles, a drawing.
 
 use crate::page::{Drawing, DrawnBody};
+use crate::recluster::Schedule;
 use crate::record::Row;
-use phipsi_molecule::{BOLTZMANN, Bath, Distribution, Ensemble, MoleculeError, TorsionModel};
-use phipsi_motion::Midpoint;
+use phipsi_molecule::{
+    BOLTZMANN, Bath, Distribution, Ensemble, FixmanForce, FixmanPotential, ForceField, LeftOut,
+    MolecularForces, MoleculeError, MoleculeErrors, PotentialForce, TorsionModel,
+};
+use phipsi_motion::{Force, Midpoint};
 use phipsi_recursion::{DynamicsError, Kinematics};
 use phipsi_spatial::{Quaternion, Vec3};
 use std::sync::Arc;
+
+/// The forces of a molecule's own.
+pub struct OwnForces {
+    /// The force field, in one or two parts, and Fixman's potential.
+    pub forces: Vec<Box<dyn Force>>,
+    /// What is constant within clusters and evaluated no more.
+    pub left_out: Vec<LeftOut>,
+}
 
 /// A molecule, or several.
 #[derive(Clone)]
@@ -23,6 +35,10 @@ pub struct Molecule {
     pub ensemble: Ensemble,
     /// The distribution that is sampled: whether Fixman's potential acts.
     pub distribution: Distribution,
+    /// Steps with bonds, angles and torsions in a step with pairs: more than one, multiple time steps.
+    pub inner_steps: usize,
+    /// Freeze and thaw during the run; `torsion` then has every hinge that turns at some time.
+    pub schedule: Option<Arc<Schedule>>,
 }
 
 impl Molecule {
@@ -35,7 +51,54 @@ impl Molecule {
             temperature: None,
             ensemble: Ensemble::ConstantEnergy,
             distribution: Distribution::Rigid,
+            inner_steps: 1,
+            schedule: None,
         }
+    }
+    /// The forces on a model of its atoms: the force field without what is constant within clusters, at a configuration, and Fixman's
+    /// potential.
+    ///
+    /// # Errors
+    /// [`MoleculeErrors`]: no energy at the configuration, closures that are redundant.
+    pub fn forces_on(
+        &self,
+        torsion: &Arc<TorsionModel>,
+        field: ForceField,
+        q: &[f64],
+    ) -> Result<OwnForces, MoleculeErrors> {
+        let mut forces: Vec<Box<dyn Force>> = Vec::new();
+        let mut left_out = Vec::new();
+        let parts = match self.inner_steps {
+            0 | 1 => vec![("force field", false, field)],
+            _ => {
+                let [fast, slow] = field.split();
+                vec![("force field", false, fast), ("pairs", true, slow)]
+            }
+        };
+        for (name, is_slow, part) in parts {
+            let mut part = MolecularForces::new(torsion.clone(), part);
+            left_out.extend(part.leave_out_constants(q).map_err(|e| {
+                let remedy = "move the atoms apart, or correct the files";
+                MoleculeErrors(vec![MoleculeError::new(
+                    "force field",
+                    e.to_string(),
+                    "finite energies",
+                    remedy,
+                )])
+            })?);
+            let force = PotentialForce::new(name, part);
+            forces.push(Box::new(if is_slow { force.slow() } else { force }));
+        }
+        if let Some(kt) = self.fixman_kt() {
+            let potential = FixmanPotential::of(torsion, kt).map_err(|e| MoleculeErrors(vec![e]))?;
+            forces.push(Box::new(FixmanForce::from(potential)));
+        }
+        Ok(OwnForces { forces, left_out })
+    }
+    /// kT of Fixman's potential, where it acts.
+    pub(crate) fn fixman_kt(&self) -> Option<f64> {
+        let temperature = self.temperature.filter(|_| self.distribution == Distribution::StiffLimit);
+        temperature.map(|kelvin| BOLTZMANN * kelvin)
     }
     /// True if a heat bath acts.
     pub fn has_bath(&self) -> bool {
@@ -52,10 +115,26 @@ impl Molecule {
         let kt = BOLTZMANN * self.temperature.unwrap_or(0.0);
         Bath::new(method, self.ensemble, kt, self.seed).map(Some)
     }
-    /// Degrees of freedom that carry the temperature: three less where the common momentum is zero.
+    /// Degrees of freedom at the start that carry the temperature: three less where the common momentum is zero.
     pub fn degrees_of_freedom(&self) -> usize {
+        let at_start = self.schedule.as_ref().map(|s| s.degrees_of_freedom);
+        self.carrying(at_start.unwrap_or(self.torsion.degrees_of_freedom()))
+    }
+    /// Those at a time of the run.
+    pub fn degrees_of_freedom_at(&self, t: f64) -> usize {
+        match &self.schedule {
+            Some(schedule) => self.carrying(schedule.degrees_of_freedom_at(t)),
+            None => self.degrees_of_freedom(),
+        }
+    }
+    /// Freeze and thaw during the run, in lines.
+    pub fn changes(&self) -> Vec<String> {
+        let all = self.schedule.iter().flat_map(|schedule| &schedule.changes);
+        all.map(|change| change.describe(self.carrying(change.degrees_of_freedom))).collect()
+    }
+    fn carrying(&self, degrees_of_freedom: usize) -> usize {
         let removed = if let Ensemble::NoseHoover { .. } = self.ensemble { 3 } else { 0 };
-        self.torsion.degrees_of_freedom().saturating_sub(removed)
+        degrees_of_freedom.saturating_sub(removed)
     }
     /// Positions of all atoms at a recorded instant, nm.
     ///

@@ -107,6 +107,10 @@ pub fn report(
     watcher: &mut dyn ReportWatcher,
 ) -> Result<(Report, PathBuf), SimulateError> {
     let stem = path.file_stem().map_or("scene".into(), |s| s.to_string_lossy().into_owned());
+    if scene.simulation.molecule.as_ref().is_some_and(|m| m.schedule.is_some()) {
+        let message = "a report compares methods on one model, and [[molecule.recluster]] changes it during the run; remove it";
+        return Err(SimulateError::Start(message.into()));
+    }
     let folder = match out {
         Some(out) => {
             crate::folder::claim(out)?;

@@ -3,23 +3,27 @@
 use crate::error::SimulateError;
 use crate::event_record::EventRecord;
 use crate::output::{Measured, reference_error};
+use crate::recluster::ChangeRecord;
 use crate::record::{LimitPassed, Observer, Row, StepRecord};
 use crate::simulation::Simulation;
-use phipsi_model::Model;
+use phipsi_model::{Model, State};
 use phipsi_molecule::Bath;
 use phipsi_motion::{
-    Balance, Conserved, Dynamics, ErrorEstimate, Occurrence, Scheme, StepError, StepInfo, Stepper, System,
-    balance,
+    Balance, Conserved, ErrorEstimate, Occurrence, Scheme, StepError, StepInfo, Stepper, System, balance,
 };
 use phipsi_recursion::{DynamicsError, Kinematics};
 use std::time::Instant;
 
+mod change;
 mod companion;
 mod estimate;
+mod phase;
 mod results;
 
 use companion::Companion;
+use phase::Phase;
 
+pub use phase::PhaseState;
 pub use results::{ClosureRecord, Progress, RunState, Summary};
 
 /// Steps after which a run looks whether its end is within reach.
@@ -68,6 +72,9 @@ struct Runner<'a> {
     /// Makes the error estimate beside the run.
     companion: Option<Companion>,
     estimated_beside: bool,
+    /// Clusters other than those of the scene's model, and the changes so far.
+    phase: Option<Phase>,
+    changes: Vec<ChangeRecord>,
 }
 
 impl<'a> Runner<'a> {
@@ -75,10 +82,8 @@ impl<'a> Runner<'a> {
         if let Scheme::Midpoint { .. } = simulation.choice.method {
             simulation.dynamics.leave_out_integrals();
         }
-        let aux = vec![0.0; simulation.dynamics.auxiliary_len()];
         let model = simulation.dynamics.model();
         let start = &simulation.start;
-        let tolerances = simulation.tolerances;
         for (what, found, required) in [("q", start.q.len(), model.nq()), ("v", start.v.len(), model.nv())] {
             if found != required {
                 return Err(SimulateError::Start(format!(
@@ -89,15 +94,11 @@ impl<'a> Runner<'a> {
         let settled = simulation.settle_start()?.filter(|_| simulation.dynamics.plan().loops);
         // What a start that is not exact loses is no loss of the run.
         let closures = settled.map(|p| ClosureRecord { energy_removed: 0.0, ..ClosureRecord::of(&p) });
-        let (method, start) = (simulation.choice.method, simulation.start.clone());
-        let mut stepper = Stepper::new(&mut simulation.dynamics, method, tolerances, &start, &aux)
-            .map_err(|e| SimulateError::stopped(&e, simulation.dynamics.model()))?;
-        let mut bath = None;
-        if let Some(molecule) = &simulation.molecule {
-            let made = stepper.with_midpoint(|m, _| Ok(molecule.bath(m)));
-            let made = made.map_err(|e| SimulateError::stopped(&e, simulation.dynamics.model()))?;
-            bath = made.transpose().map_err(|e| SimulateError::Start(e.to_string()))?.flatten();
-        }
+        let (mut phase, start) = match change::first_phase(simulation, state.as_ref())? {
+            Some((phase, start)) => (Some(phase), start),
+            None => (None, simulation.start.clone()),
+        };
+        let (mut stepper, bath) = stepper(simulation, phase.as_mut(), &start)?;
         if let Some(s) = &state
             && !stepper.restore(s.stepper.clone())
         {
@@ -127,6 +128,8 @@ impl<'a> Runner<'a> {
             clock: Instant::now(),
             companion: None,
             estimated_beside: false,
+            phase,
+            changes: Vec::new(),
             stepper,
             bath,
             simulation,
@@ -141,6 +144,7 @@ impl<'a> Runner<'a> {
             runner.closures = s.closures;
             (runner.rows, runner.steps) = (s.rows, s.steps);
             runner.limits = s.limits;
+            runner.changes = s.changes;
             (runner.events, runner.ended) = (s.events, s.ended);
             runner.spent_s = s.wall_s;
         }
@@ -172,7 +176,11 @@ impl<'a> Runner<'a> {
             let t = self.stepper.t();
             let next = breaks.partition_point(|b| *b <= t);
             let limit = breaks.get(next).copied().unwrap_or(t_end);
-            if let Err(e) = self.step(limit, limit < t_end, observer) {
+            let stepped = match self.change_if_due() {
+                Ok(()) => self.step(limit, limit < t_end, observer),
+                Err(e) => Err(e),
+            };
+            if let Err(e) = stepped {
                 // A step that failed has left the last good state. The first error is the one to tell.
                 if self.stepper.t() == t {
                     let _ = observer.stopped(&self.progress());
@@ -259,6 +267,10 @@ impl<'a> Runner<'a> {
     /// One step of the scheme; with a bath one of its steps or trajectories.
     fn advance(&mut self, limit: f64, is_break: bool) -> Result<StepInfo, SimulateError> {
         let Simulation { dynamics, t_end, .. } = &mut *self.simulation;
+        let dynamics = match &mut self.phase {
+            Some(phase) => &mut phase.dynamics,
+            None => dynamics,
+        };
         let stepped = match &mut self.bath {
             None => self.stepper.step(dynamics, limit, is_break),
             Some(bath) => {
@@ -273,7 +285,7 @@ impl<'a> Runner<'a> {
                 })
             }
         };
-        stepped.map_err(|e| SimulateError::stopped(&e, self.simulation.dynamics.model()))
+        stepped.map_err(|e| SimulateError::stopped(&e, dynamics.model()))
     }
 
     fn progress(&self) -> Progress<'_> {
@@ -287,6 +299,8 @@ impl<'a> Runner<'a> {
             closures: self.closures,
             events: &self.events,
             ended: self.ended,
+            changes: &self.changes,
+            phase: self.phase.as_ref().map(|phase| &phase.state),
             rows: self.rows,
             steps: self.steps,
             wall_s: self.wall_s(),
@@ -299,14 +313,19 @@ impl<'a> Runner<'a> {
 
     fn balance(&mut self) -> Result<Balance, DynamicsError> {
         let at = (self.stepper.t(), self.stepper.q(), self.stepper.v());
-        let mut found = balance(&mut self.simulation.dynamics, &mut self.kinematics, at, self.stepper.aux())?;
+        let (dynamics, kinematics) = match &mut self.phase {
+            Some(phase) => (&mut phase.dynamics, &mut phase.kinematics),
+            None => (&mut self.simulation.dynamics, &mut self.kinematics),
+        };
+        let mut found = balance(dynamics, kinematics, at, self.stepper.aux())?;
         found.work += self.heat();
         Ok(found)
     }
 
-    /// Energy that the bath has given.
+    /// Energy that the bath and changes of clusters have given.
     fn heat(&self) -> f64 {
-        self.bath.as_ref().map_or(0.0, Bath::heat)
+        let given = self.phase.as_ref().map_or(0.0, |phase| phase.state.given);
+        self.bath.as_ref().map_or(0.0, Bath::heat) + given
     }
 
     /// Records the samples that are due up to the present time.
@@ -320,15 +339,20 @@ impl<'a> Runner<'a> {
         {
             let t = self.simulation.sample_time_until(self.rows, end);
             let heat = self.heat();
-            let dynamics = &mut self.simulation.dynamics;
+            let dynamics = match &mut self.phase {
+                Some(phase) => &mut phase.dynamics,
+                None => &mut self.simulation.dynamics,
+            };
             let model = dynamics.model();
             let (mut q, mut v) = (vec![0.0; model.nq()], vec![0.0; model.nv()]);
             let mut aux = vec![0.0; dynamics.auxiliary_len()];
             self.stepper
                 .sample(dynamics, t, &mut q, &mut v, &mut aux)
                 .map_err(|e| SimulateError::stopped(&e, dynamics.model()))?;
-            let row =
-                measure(dynamics, &mut self.kinematics, &self.simulation.outputs, (t, q, v), &aux, heat)?;
+            let row = self.measure(t, q, v, &aux, heat)?;
+            if let Some(phase) = &mut self.phase {
+                phase.state.near.clone_from(&row.q);
+            }
             observer.row(&row)?;
             self.rows += 1;
         }
@@ -337,6 +361,10 @@ impl<'a> Runner<'a> {
 
     /// Notes the first time that each joint is beyond its limits.
     fn watch_limits(&mut self, t0: f64) {
+        // A model of other clusters has other coordinates, and no limits.
+        if self.phase.is_some() {
+            return;
+        }
         let (q, t1) = (self.stepper.q(), self.stepper.t());
         for &(k, i, [lower, upper]) in &self.limited {
             let limit = if q[i] < lower { lower } else { upper };
@@ -355,22 +383,59 @@ impl<'a> Runner<'a> {
         }
     }
 
+    /// Everything recorded of one state of the present clusters, in the coordinates of the scene's model.
+    fn measure(
+        &mut self,
+        t: f64,
+        q: Vec<f64>,
+        v: Vec<f64>,
+        aux: &[f64],
+        heat: f64,
+    ) -> Result<Row, SimulateError> {
+        let Simulation { dynamics, outputs, molecule, .. } = &mut *self.simulation;
+        let (mut found, terms, q, v) = match (&mut self.phase, molecule) {
+            (Some(phase), Some(molecule)) => {
+                let own = &mut phase.dynamics;
+                let found = balance(own, &mut phase.kinematics, (t, &q, &v), aux)?;
+                let terms = own.term_energies(t, &q, &v)?;
+                let (q, v) = phase.recorded(molecule, &q, &v)?;
+                self.kinematics.set_position(dynamics.layout(), &q)?;
+                self.kinematics.set_velocity(dynamics.layout(), &v)?;
+                (found, terms, q, v)
+            }
+            _ => {
+                let found = balance(dynamics, &mut self.kinematics, (t, &q, &v), aux)?;
+                let terms = dynamics.term_energies(t, &q, &v)?;
+                (found, terms, q, v)
+            }
+        };
+        found.work += heat;
+        let at = Measured {
+            model: dynamics.model(),
+            layout: dynamics.layout(),
+            kinematics: &self.kinematics,
+            q: &q,
+            v: &v,
+            balance: &found,
+        };
+        let outputs = outputs.iter().map(|o| o.value(&at)).collect();
+        let energy = [found.kinetic, found.potential, found.work];
+        Ok(Row { t, energy, terms, momentum: found.momentum.to_array(), outputs, q, v })
+    }
+
     fn summary(
         mut self,
         error_estimate: Option<ErrorEstimate>,
         finished: bool,
     ) -> Result<Summary, SimulateError> {
         let [steps, rejected, evaluations] = self.stepper.counts();
-        let (t, q, v) = (self.stepper.t(), self.stepper.q().to_vec(), self.stepper.v().to_vec());
+        // Forces of new clusters are evaluated once more.
+        let evaluations = evaluations + self.changes.len() as u64;
+        let t = self.stepper.t();
+        let (q, v) = (self.stepper.q().to_vec(), self.stepper.v().to_vec());
         let (aux, heat) = (self.stepper.aux().to_vec(), self.heat());
-        let row = measure(
-            &mut self.simulation.dynamics,
-            &mut self.kinematics,
-            &self.simulation.outputs,
-            (t, q.clone(), v.clone()),
-            &aux,
-            heat,
-        )?;
+        let row = self.measure(t, q, v, &aux, heat)?;
+        let (q, v) = (row.q, row.v);
         let names = self.simulation.outputs.iter().map(|o| o.name.clone());
         let outputs: Vec<(String, f64)> = names.zip(row.outputs).collect();
         let value = |name: &str| outputs.iter().find(|(n, _)| n == name).map(|(_, x)| *x);
@@ -396,35 +461,37 @@ impl<'a> Runner<'a> {
             outputs,
             limits: self.limits,
             events,
+            changes: self.changes,
             ended_by_event: self.ended,
             finished,
         })
     }
 }
 
-/// Everything recorded of one state.
-fn measure(
-    dynamics: &mut Dynamics,
-    kinematics: &mut Kinematics<f64>,
-    outputs: &[crate::output::Output],
-    (t, q, v): (f64, Vec<f64>, Vec<f64>),
-    aux: &[f64],
-    heat: f64,
-) -> Result<Row, DynamicsError> {
-    let mut balance = balance(dynamics, kinematics, (t, &q, &v), aux)?;
-    balance.work += heat;
-    let at = Measured {
-        model: dynamics.model(),
-        layout: dynamics.layout(),
-        kinematics,
-        q: &q,
-        v: &v,
-        balance: &balance,
+/// The method at a start, of the scene's model or of other clusters, with its bath.
+fn stepper(
+    simulation: &mut Simulation,
+    phase: Option<&mut Phase>,
+    start: &State,
+) -> Result<(Stepper, Option<Bath>), SimulateError> {
+    let Simulation { dynamics, molecule, choice, tolerances, .. } = simulation;
+    let dynamics = match phase {
+        Some(phase) => &mut phase.dynamics,
+        None => dynamics,
     };
-    let outputs = outputs.iter().map(|o| o.value(&at)).collect();
-    let energy = [balance.kinetic, balance.potential, balance.work];
-    let terms = dynamics.term_energies(t, &q, &v)?;
-    Ok(Row { t, energy, terms, momentum: balance.momentum.to_array(), outputs, q, v })
+    let aux = vec![0.0; dynamics.auxiliary_len()];
+    let mut stepper = Stepper::new(dynamics, choice.method, *tolerances, start, &aux)
+        .map_err(|e| SimulateError::stopped(&e, dynamics.model()))?;
+    let mut bath = None;
+    if let Some(molecule) = molecule {
+        let made = stepper.with_midpoint(|m, _| {
+            m.substeps = molecule.inner_steps;
+            Ok(molecule.bath(m))
+        });
+        let made = made.map_err(|e| SimulateError::stopped(&e, dynamics.model()))?;
+        bath = made.transpose().map_err(|e| SimulateError::Start(e.to_string()))?.flatten();
+    }
+    Ok((stepper, bath))
 }
 
 impl SimulateError {

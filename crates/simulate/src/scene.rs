@@ -6,7 +6,8 @@
 //! | table | keys |
 //! |---|---|
 //! | `[model]` | `urdf` (relative to the scene), `base` = "fixed" or "free", `gravity`, `mimic` = "closure" or "free", `friction_speed` |
-//! | `[molecule]` | instead of a model: `pdb`, `system` (OpenMM's XML), `rigid` = kinds of bonds, `hinges`, `groups`, `temperature_K`, `seed`, `fixman`, `minimize`, `ignore`; times in ps, `step_fs`; in `[integrator]` `ensemble` with `friction_per_ps`, `relaxation_ps` or `trajectory_steps` |
+//! | `[molecule]` | instead of a model: `pdb`, `system` (OpenMM's XML), `rigid` = kinds of bonds, `hinges`, `groups`, `temperature_K`, `seed`, `fixman`, `minimize`, `ignore`; times in ps, `step_fs`; in `[integrator]` `inner_steps` and `ensemble` with `friction_per_ps`, `relaxation_ps` or `trajectory_steps` |
+//! | `[[molecule.recluster]]` | `time_ps`, `freeze`, `thaw` = kinds of bonds, `thaw_temperature_K`: freeze and thaw during the run |
 //! | `[[body]]` | `name`, `inertial` = { `origin`, `mass`, `inertia` = { `ixx` … } }: the URDF's words; or `flexible`, see below |
 //! | `[[joint]]` | `name`, `type`, `parent`, `child`, `origin` = { `xyz`, `rpy` }, `axis`, `axis2`, `pitch`, `limit`, `dynamics`, `mimic`, `node` of a flexible parent |
 //! | `[[closure]]` | `name`, `kind`, `body_a`, `pose_a` = { `xyz`, `rpy` }, `body_b`, `pose_b`, `length` of a distance, `motion` = { `x`, … `rz`, `distance` }: functions of time |
@@ -53,6 +54,7 @@ mod mechanism;
 mod molecule;
 mod motion;
 mod output;
+mod recluster;
 mod settings;
 mod signal;
 mod start;
@@ -68,6 +70,7 @@ use phipsi_model::State;
 use phipsi_motion::{MotionError, Prescription, Scheme};
 use phipsi_recursion::singular_hinges;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use tree::Table;
 
 /// Largest scene file that is read, bytes.
@@ -179,7 +182,7 @@ fn read(
     let is_molecule = scene.has("molecule");
     let end = settings::end(&root);
     let mechanism = match is_molecule {
-        true => molecule::read(&mut scene, folder, report)?,
+        true => molecule::read(&mut scene, folder, settings::inner_steps(&root), report)?,
         false => mechanism::read(&mut scene, folder, end, report)?,
     };
     let mechanism::Mechanism { model, files, reports, friction_speed, moving, molecule } = mechanism;
@@ -209,6 +212,15 @@ fn read(
             let required = "the temperature of the bath";
             let remedy = "set `temperature_K` in [molecule]";
             report.errors.push(Problem::new(None, "integrator", found, required, remedy));
+        }
+        if let (true, Some(schedule)) = (molecule.has_bath(), &mut molecule.schedule) {
+            // What thaws in a bath has its temperature.
+            for change in &mut Arc::make_mut(schedule).changes {
+                change.thaw_temperature = change.thaw_temperature.or(molecule.temperature);
+            }
+        }
+        if let (Some(schedule), Some(settings)) = (&molecule.schedule, &settings) {
+            recluster::check(&mut scene, schedule, settings, report);
         }
         molecule
     });

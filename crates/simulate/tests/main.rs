@@ -8,6 +8,7 @@ mod events;
 mod loops;
 mod molecule;
 mod mutation;
+mod recluster;
 mod report;
 mod satellite;
 mod scenes;

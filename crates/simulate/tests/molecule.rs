@@ -5,7 +5,7 @@ use phipsi_simulate::scene::{Scene, parse};
 use phipsi_simulate::{Recording, Row, SimulateError, Summary, run};
 use std::path::{Path, PathBuf};
 
-const SCENE: &str = r#"
+pub const SCENE: &str = r#"
 [molecule]
 pdb = "ala_dipeptide.pdb"
 system = "ala_dipeptide.xml"
@@ -22,11 +22,11 @@ fn examples() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples")
 }
 
-fn scene(text: &str) -> Result<Scene, SimulateError> {
+pub fn scene(text: &str) -> Result<Scene, SimulateError> {
     parse(text.into(), "test", "test.toml", &examples(), &[])
 }
 
-fn reports(text: &str) -> Vec<Report> {
+pub fn reports(text: &str) -> Vec<Report> {
     match scene(text) {
         Ok(_) => panic!("accepted: {text}"),
         Err(SimulateError::Scene(reports)) => reports,
@@ -41,7 +41,7 @@ fn error(old: &str, new: &str) -> Problem {
     found[0].clone()
 }
 
-fn rows(text: &str) -> (Vec<Row>, Summary) {
+pub fn rows(text: &str) -> (Vec<Row>, Summary) {
     let mut scene = scene(text).unwrap();
     let mut recording = Recording::default();
     let summary = run(&mut scene.simulation, &mut recording).unwrap();
@@ -212,7 +212,7 @@ fn strained_starts_are_announced_before_the_first_step() {
 }
 
 /// The scene with an ensemble.
-fn with_ensemble(ensemble: &str) -> String {
+pub fn with_ensemble(ensemble: &str) -> String {
     SCENE.replace("step_fs = 4", &format!("step_fs = 4\nensemble = {ensemble}"))
 }
 
@@ -248,10 +248,10 @@ fn ensembles_conserve_their_quantities_and_say_what_they_sample() {
 }
 
 /// Keeps a copy of the run's state after so many steps, as a checkpoint would.
-struct Interrupted {
-    recording: Recording,
-    after: usize,
-    state: Option<Vec<u8>>,
+pub struct Interrupted {
+    pub recording: Recording,
+    pub after: usize,
+    pub state: Option<Vec<u8>>,
 }
 
 impl phipsi_simulate::Observer for Interrupted {
@@ -315,4 +315,34 @@ fn wrong_ensembles_say_what_is_required() {
     let found: Vec<Problem> =
         reports(&with_ensemble("\"hmc\"\ntrajectory_steps = 7")).into_iter().flat_map(|r| r.errors).collect();
     assert!(found.iter().any(|e| e.required.contains("whole number of trajectories")), "{found:?}");
+}
+
+/// One inner step is the plain step; several of them have fewer evaluations of pairs and little noise, and continue bit for bit.
+#[test]
+fn several_inner_steps() {
+    let inner = |n: &str| SCENE.replace("step_fs = 4", &format!("step_fs = 4\ninner_steps = {n}"));
+    assert_eq!(rows(&inner("1")).0, rows(SCENE).0);
+    let loaded = scene(&inner("2")).unwrap();
+    let names: Vec<&str> = loaded.simulation.dynamics.forces().iter().map(|f| f.name()).collect();
+    assert_eq!(names, ["force field", "pairs"]);
+    let plan = phipsi_simulate::folder::results::Plan::new(&loaded.simulation);
+    assert_eq!(plan.inner_steps, Some(2));
+    assert!(plan.describe().contains("with 2 of bonds, angles and torsions in it"), "{}", plan.describe());
+    for text in [inner("2"), inner("2").replace("step_fs", "ensemble = \"langevin\"\nstep_fs")] {
+        let mut whole = Interrupted { recording: Recording::default(), after: 37, state: None };
+        let summary = run(&mut scene(&text).unwrap().simulation, &mut whole).unwrap();
+        assert_eq!((summary.steps, summary.evaluations), (100, 201));
+        let conserved = |r: &Row| r.energy[0] + r.energy[1] - r.energy[2];
+        let rows = &whole.recording.rows;
+        assert!(rows.iter().all(|r| (conserved(r) - conserved(&rows[0])).abs() < 0.2));
+        assert_eq!(rows[0].terms.len(), 4);
+        let state: phipsi_simulate::RunState = serde_json::from_slice(&whole.state.unwrap()).unwrap();
+        let done = state.rows as usize;
+        let mut rest = Recording::default();
+        phipsi_simulate::resume(&mut scene(&text).unwrap().simulation, state, &mut rest).unwrap();
+        assert_eq!(rest.rows[..], rows[done..]);
+    }
+    assert!(error("step_fs = 4", "step_fs = 4\ninner_steps = 0").required.contains("at least 1"));
+    assert!(error("step_fs = 4", "step_fs = 4\ninner_steps = 1001").required.contains("1000"));
+    assert!(error("step_fs = 4", "inner_steps = 2\nmethod = \"dop853\"").required.contains("midpoint"));
 }

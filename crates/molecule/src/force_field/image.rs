@@ -58,6 +58,24 @@ impl NearestImage {
         }
         d
     }
+    /// The box vectors.
+    pub(super) fn vectors(&self) -> [Vec3<f64>; 3] {
+        self.vectors.map(Vec3)
+    }
+    /// Coordinates along the box vectors.
+    pub(super) fn fractions(&self, mut x: Vec3<f64>) -> [f64; 3] {
+        let mut s = [0.0; 3];
+        for k in [2, 1, 0] {
+            s[k] = x.0[k] * self.inverse[k];
+            x -= Vec3(self.vectors[k]).scale(s[k]);
+        }
+        s
+    }
+    /// The distance of the two faces across each box vector.
+    pub(super) fn face_distances(&self) -> [f64; 3] {
+        let v = self.vectors();
+        [0, 1, 2].map(|k| self.volume() / v[(k + 1) % 3].cross(v[(k + 2) % 3]).norm())
+    }
     /// The least width.
     pub(super) fn width(&self) -> f64 {
         (0..3).map(|k| self.vectors[k][k]).fold(f64::INFINITY, f64::min)

@@ -7,8 +7,11 @@
 //! | cost | of a list |
 //! |---|---|
 //! | O(n log n) | boxes around column blocks, and around eight boxes again and again; row blocks ask from the top |
+//! | O(n) | in a periodic box: cells (`cells.rs`) |
 
+use super::cells::Cells;
 use super::exclusions::Exclusions;
+use super::image::NearestImage;
 use super::tiles::{COLUMNS, ROWS, Tile, Tiles, inside};
 use phipsi_spatial::Vec3;
 
@@ -24,9 +27,11 @@ pub(super) struct Neighbors {
     tiles: Tiles,
     exclusions: Exclusions,
     cutoff: Option<f64>,
+    image: Option<NearestImage>,
     /// The positions of the list; none before the first.
     known: Vec<V>,
     boxes: Vec<Vec<Bounds>>,
+    cells: Cells,
 }
 
 impl Neighbors {
@@ -36,7 +41,13 @@ impl Neighbors {
             Some(_) => Tiles::listed(n),
             None => Tiles::all_pairs(n, &exclusions),
         };
-        Neighbors { tiles, exclusions, cutoff, known: Vec::new(), boxes: Vec::new() }
+        let (known, boxes, cells) = (Vec::new(), Vec::new(), Cells::default());
+        Neighbors { tiles, exclusions, cutoff, image: None, known, boxes, cells }
+    }
+
+    /// The same at the nearest images in a box.
+    pub(super) fn in_box(self, image: Option<NearestImage>) -> Self {
+        Neighbors { image, ..self }
     }
 
     pub(super) fn exclusions(&self) -> &Exclusions {
@@ -60,11 +71,49 @@ impl Neighbors {
         }
         self.known.clear();
         self.known.extend_from_slice(x);
+        let reach = (1.0 + SKIN) * cutoff;
+        if let Some(image) = self.image {
+            self.list_in_box(x, &image, reach);
+            return true;
+        }
         self.bound(x);
-        let reach = ((1.0 + SKIN) * cutoff).powi(2);
+        let reach = reach * reach;
         let (boxes, exclusions) = (&self.boxes, &self.exclusions);
         self.tiles.list(|rows, tiles| row_list(rows, x, reach, boxes, exclusions, tiles));
         true
+    }
+
+    /// The tiles that have a pair of which an image is near enough.
+    fn list_in_box(&mut self, x: &[V], image: &NearestImage, reach: f64) {
+        let n = x.len();
+        // A position without a value must be seen by the sum.
+        let all = x.iter().any(|x| x.0.iter().any(|x| !x.is_finite()));
+        if !all {
+            self.cells.fill(x, image, reach);
+        }
+        let (cells, exclusions) = (&self.cells, &self.exclusions);
+        let (mut blocks, mut listed) = (Vec::new(), vec![usize::MAX; n.div_ceil(COLUMNS)]);
+        self.tiles.list(|rows, tiles| {
+            let first = rows * ROWS;
+            blocks.clear();
+            if all {
+                blocks.extend(first / COLUMNS..listed.len());
+            } else {
+                for i in first..(first + ROWS).min(n) {
+                    cells.near(i, |j| {
+                        let block = j / COLUMNS;
+                        if j > i && listed[block] != rows && !exclusions.of(i).contains(&j) {
+                            listed[block] = rows;
+                            blocks.push(block);
+                        }
+                    });
+                }
+                blocks.sort_unstable();
+            }
+            let begin = tiles.len();
+            tiles.extend(blocks.iter().map(|&b| Tile { block: b as u32, mask: inside(rows, b, n) }));
+            exclude(exclusions, rows, n, &mut tiles[begin..]);
+        });
     }
 
     /// Boxes of column blocks, and of boxes.
@@ -108,14 +157,7 @@ fn row_list(
     for tile in &mut tiles[begin..] {
         tile.mask = inside(rows, tile.block as usize, n);
     }
-    for row in 0..own.len() {
-        for &j in exclusions.of(first + row) {
-            let block = (j / COLUMNS) as u32;
-            if let Ok(at) = tiles[begin..].binary_search_by_key(&block, |tile| tile.block) {
-                tiles[begin + at].mask &= !(1 << (row * COLUMNS + j % COLUMNS));
-            }
-        }
-    }
+    exclude(exclusions, rows, n, &mut tiles[begin..]);
     let mut kept = begin;
     for k in begin..tiles.len() {
         if has_pair(tiles[k], own, x, reach) {
@@ -124,6 +166,19 @@ fn row_list(
         }
     }
     tiles.truncate(kept);
+}
+
+/// Takes the excluded pairs out of the tiles of a row block.
+fn exclude(exclusions: &Exclusions, rows: usize, n: usize, tiles: &mut [Tile]) {
+    let first = rows * ROWS;
+    for row in 0..ROWS.min(n - first) {
+        for &j in exclusions.of(first + row) {
+            let block = (j / COLUMNS) as u32;
+            if let Ok(at) = tiles.binary_search_by_key(&block, |tile| tile.block) {
+                tiles[at].mask &= !(1 << (row * COLUMNS + j % COLUMNS));
+            }
+        }
+    }
 }
 
 /// True if a pair of the tile is near enough.
@@ -246,6 +301,60 @@ mod tests {
                 made += usize::from(neighbors.update(&x));
             }
             assert!((2..30).contains(&made), "{made} lists");
+        }
+    }
+
+    /// In boxes of all shapes, the widths barely two cutoffs: with atoms that have left the box, and atoms that move.
+    #[test]
+    fn every_near_pair_of_a_box_is_listed_once_until_an_atom_moves_too_far() {
+        const CUTOFF: f64 = 0.5;
+        for (seed, [a, b, c, p, q, r]) in [
+            [2.0, 2.0, 2.0, 0.0, 0.0, 0.0],
+            [1.0, 1.0, 1.0, 0.5, -0.5, 0.5],
+            [1.01, 1.3, 1.0, -0.5, 0.5, 0.5],
+            [5.0, 1.0, 1.02, 0.5, 0.5, -0.5],
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            let box_vectors = [[a, 0.0, 0.0], [p * a, b, 0.0], [q * a, r * b, c]];
+            let periodic = phipsi_formats::system::Periodic {
+                box_vectors,
+                exceptions: false,
+                dispersion_correction: false,
+            };
+            let image = NearestImage::new(&periodic);
+            for n in [1, 7, 65, 200] {
+                let mut random = Random::new((seed * 1000 + n) as u64);
+                let mut vector = |size: f64| Vec3([(); 3].map(|()| size * random.signed()));
+                let mut x: Vec<V> = (0..n).map(|_| vector(4.0)).collect();
+                let excluded = |i: usize, j: usize| j == i + 1 || j == i + 40;
+                let list = (0..n).flat_map(|i| [[i, i + 1], [i, i + 40]]).filter(|p| p[1] < n);
+                let exclusions = Exclusions::new(n, list);
+                let mut neighbors = Neighbors::new(n, exclusions, Some(CUTOFF)).in_box(Some(image));
+                assert!(neighbors.update(&x));
+                let mut made = 1;
+                for _ in 0..20 {
+                    let seen = pairs(neighbors.tiles(), n);
+                    for i in 0..n {
+                        for j in 0..n {
+                            let may = i < j && !excluded(i, j);
+                            let near = may && image.of(x[j] - x[i]).norm() < CUTOFF;
+                            let count = seen[i * n + j];
+                            assert!(count <= u8::from(may) && (!near || count == 1), "{i} {j}");
+                        }
+                    }
+                    x.iter_mut().for_each(|x| *x += vector(0.005));
+                    made += usize::from(neighbors.update(&x));
+                }
+                // Of a few atoms, none may have gone that far.
+                assert!(n < 65 || (2..20).contains(&made), "{made} lists of {n}");
+                // A position without a value is compared with all.
+                x[0] = Vec3([f64::NAN, 0.0, 0.0]);
+                assert!(neighbors.update(&x));
+                let seen = pairs(neighbors.tiles(), n);
+                assert!((1..n).all(|j| seen[j] == u8::from(!excluded(0, j))));
+            }
         }
     }
 

@@ -9,7 +9,7 @@
 //! | exceptions | pairs with a charge product, σ and ε of their own, in place of these, at any distance |
 //! | r_c, r_s | cutoff, and where switching begins; with a cutoff the Coulomb energy is K q q (1/r + k r² − c) |
 //! | k, c | (ε_f − 1)/((2 ε_f + 1) r_c³), 3 ε_f/((2 ε_f + 1) r_c), with the dielectric constant ε_f beyond the cutoff |
-//! | box | pairs at their nearest images (`image.rs`), of which all are compared with the cutoff |
+//! | box | pairs at their nearest images (`image.rs`) |
 //! | S | 1 − 10 t³ + 15 t⁴ − 6 t⁵, t = (r − r_s)/(r_c − r_s) ≥ 0: factor of Lennard-Jones energies |
 
 use super::exclusions::Exclusions;
@@ -114,9 +114,7 @@ impl NonbondedPairs {
         exceptions: Vec<NonbondedException>,
         (field, image): (Option<ReactionField>, Option<NearestImage>),
     ) -> Self {
-        // A list knows no images.
-        let cutoff = field.filter(|_| image.is_none()).map(|field| field.distance);
-        let neighbors = Neighbors::new(n, exclusions, cutoff);
+        let neighbors = Neighbors::new(n, exclusions, field.map(|field| field.distance)).in_box(image);
         let padded = neighbors.tiles().padded();
         let mut sweep = Sweep::default();
         sweep.fit(neighbors.tiles(), 0);

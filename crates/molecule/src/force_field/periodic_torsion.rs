@@ -1,7 +1,7 @@
 //! Periodic torsions: E = Σ k (1 + cos(n φ − γ)), φ = π for trans.
 //!
 //! Terms of the same four atoms that follow each other share their geometry. cos nφ and sin nφ are the parts of (cos φ + i sin φ)ⁿ:
-//! no angle is taken, and no sine.
+//! no angle is taken, and no sine. Terms without an energy, as force fields have them about atoms on a line, are not looked at.
 
 use super::geometry::{push_torsion, torsion_cos_sin};
 use phipsi_formats::system::PeriodicTorsion;
@@ -18,6 +18,8 @@ struct Torsion {
     atoms: [usize; 4],
     /// Its waves end here, and begin where those of the torsion before end.
     end: usize,
+    /// All of them have k = 0.
+    is_flat: bool,
 }
 
 /// n, cos γ and sin γ, k.
@@ -36,8 +38,14 @@ impl PeriodicTorsions {
             let (sin, cos) = entry.phase.sin_cos();
             waves.push(Wave { n: entry.periodicity, phase: [cos, sin], k: entry.stiffness });
             match torsions.last_mut() {
-                Some(last) if last.atoms == entry.atoms => last.end = waves.len(),
-                _ => torsions.push(Torsion { atoms: entry.atoms, end: waves.len() }),
+                Some(last) if last.atoms == entry.atoms => {
+                    last.end = waves.len();
+                    last.is_flat &= entry.stiffness == 0.0;
+                }
+                _ => {
+                    let is_flat = entry.stiffness == 0.0;
+                    torsions.push(Torsion { atoms: entry.atoms, end: waves.len(), is_flat });
+                }
             }
         }
         PeriodicTorsions { torsions, waves }
@@ -65,6 +73,10 @@ impl PeriodicTorsions {
         let mut energy = 0.0;
         let mut begin = 0;
         for entry in &self.torsions {
+            if entry.is_flat {
+                begin = entry.end;
+                continue;
+            }
             let (z, gradients) = torsion_cos_sin(x, entry.atoms);
             let square = times(z, z);
             let powers = [[1.0, 0.0], z, square, times(square, z), times(square, square)];

@@ -29,6 +29,11 @@ impl RbTorsions {
     pub(super) fn evaluate(&mut self, x: &[Vec3<f64>], forces: &mut [Vec3<f64>]) -> f64 {
         let mut energy = 0.0;
         for entry in &self.torsions {
+            // A constant has no slope, also where three atoms lie on a line.
+            if entry.coefficients[1..].iter().all(|c| *c == 0.0) {
+                energy += entry.coefficients[0];
+                continue;
+            }
             let (phi, gradients) = torsion(x, entry.atoms);
             let (sin, cos) = phi.sin_cos();
             let (sin_psi, cos_psi) = (-sin, -cos);

@@ -491,6 +491,7 @@ class TorsionModel:
         every: int | None = None,
         relaxation_ps: float = 0.1,
         trajectory_steps: int | None = None,
+        inner_steps: int = 1,
     ) -> Run: ...
 
 @final

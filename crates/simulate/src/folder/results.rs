@@ -5,6 +5,7 @@ use super::summary::short;
 use crate::drift::drift;
 use crate::event_record::EventRecord;
 use crate::level::instruction_level;
+use crate::recluster::ChangeRecord;
 use crate::record::Row;
 use crate::run::Summary;
 use crate::scene::Scene;
@@ -96,6 +97,12 @@ pub struct Plan {
     /// Degrees of freedom of a molecule that carry its temperature.
     #[serde(default)]
     pub degrees_of_freedom: Option<usize>,
+    /// Steps with bonds, angles and torsions in a step with pairs, of a molecule.
+    #[serde(default)]
+    pub inner_steps: Option<usize>,
+    /// Freeze and thaw of a molecule: when, what, and the degrees of freedom from then on.
+    #[serde(default)]
+    pub changes: Vec<String>,
     /// What the scene does not need.
     pub left_out: Vec<String>,
 }
@@ -148,6 +155,9 @@ pub struct Results {
     pub energy_removed: Option<f64>,
     /// Largest relative error of outputs with known values.
     pub reference_error: Option<f64>,
+    /// Freeze and thaw of a molecule, with the kinetic energies of each change.
+    #[serde(default)]
+    pub changes: Vec<ChangeRecord>,
     /// Events, impacts, stick and slip in the order of time: the first ones, at most 1000.
     #[serde(default)]
     pub events: Vec<EventRecord>,
@@ -295,6 +305,8 @@ impl Plan {
                 .as_ref()
                 .map(|m| m.distribution.describe_for(&m.torsion).into()),
             degrees_of_freedom: simulation.molecule.as_ref().map(|_| simulation.degrees_of_freedom()),
+            inner_steps: simulation.molecule.as_ref().map(|m| m.inner_steps).filter(|n| *n > 1),
+            changes: simulation.molecule.as_ref().map_or(Vec::new(), |m| m.changes()),
             left_out: simulation.left_out(),
         }
     }
@@ -311,7 +323,10 @@ impl Plan {
     pub fn describe(&self) -> String {
         match (self.step, self.rtol, self.atol) {
             (Some(step), ..) if self.time_unit == "ps" => {
-                format!("{}, step {} fs", self.method, short(1000.0 * step))
+                let inner = self
+                    .inner_steps
+                    .map_or(String::new(), |n| format!(" with {n} of bonds, angles and torsions in it"));
+                format!("{}, step {} fs{inner}", self.method, short(1000.0 * step))
             }
             (Some(step), ..) => format!("{}, step {step} s", self.method),
             (_, Some(rtol), Some(atol)) if rtol != atol => {
@@ -353,7 +368,13 @@ impl Results {
                 }),
                 Scheme::Explicit(_) => None,
             },
-            temperature_K: simulation.molecule.as_ref().map(|_| {
+            temperature_K: simulation.molecule.as_ref().map(|molecule| {
+                if molecule.schedule.is_some() {
+                    let each = |r: &Row| {
+                        phipsi_molecule::temperature(r.energy[0], molecule.degrees_of_freedom_at(r.t))
+                    };
+                    return rows.iter().map(|r| each(r) / rows.len() as f64).sum();
+                }
                 let kinetic: f64 = rows.iter().map(|r| r.energy[0] / rows.len() as f64).sum();
                 phipsi_molecule::temperature(kinetic, simulation.degrees_of_freedom())
             }),
@@ -366,6 +387,7 @@ impl Results {
                 .map(|c| ClosureResidual { position: c.position, velocity: c.velocity }),
             energy_removed: summary.closures.map(|c| c.energy_removed),
             reference_error: summary.reference_error,
+            changes: summary.changes.clone(),
             events: summary.events.iter().take(MOST_EVENTS).cloned().collect(),
             event_count: summary.events.len(),
             ended_by: summary.events.last().filter(|_| summary.ended_by_event).map(|e| e.name.clone()),

@@ -47,6 +47,9 @@ fn of_results(file: &RunFile, results: &Results) -> Vec<(&'static str, Vec<Strin
         rows.insert(2, ("ensemble", vec![ensemble]));
         rows.insert(3, ("distribution", vec![distribution]));
     }
+    if !results.changes.is_empty() {
+        rows.push(("freeze and thaw", results.changes.iter().map(|c| c.describe()).collect()));
+    }
     if let Some(acceptance) = results.acceptance {
         rows.push(("acceptance", vec![format!("{acceptance:.3}")]));
     }

@@ -1,6 +1,8 @@
 //! What a run leaves: its state between two steps, and what it came to.
 
+use super::phase::PhaseState;
 use crate::event_record::EventRecord;
+use crate::recluster::ChangeRecord;
 use crate::record::LimitPassed;
 use phipsi_molecule::{Bath, BathState, Trials};
 use phipsi_motion::{Conserved, ErrorEstimate, Occurrence, Projected, Stepper, StepperState};
@@ -56,6 +58,12 @@ pub struct RunState {
     /// True if an event has ended the run.
     #[serde(default)]
     pub ended: bool,
+    /// Changes of a molecule's clusters so far.
+    #[serde(default)]
+    pub changes: Vec<ChangeRecord>,
+    /// The clusters of now, where they are not those of the scene's model.
+    #[serde(default)]
+    pub phase: Option<PhaseState>,
     /// Wall time spent so far, s.
     pub wall_s: f64,
 }
@@ -74,6 +82,8 @@ pub struct Progress<'a> {
     pub(super) closures: Option<ClosureRecord>,
     pub(super) events: &'a [Occurrence],
     pub(super) ended: bool,
+    pub(super) changes: &'a [ChangeRecord],
+    pub(super) phase: Option<&'a PhaseState>,
     pub(super) rows: u64,
     pub(super) steps: u64,
     pub(super) wall_s: f64,
@@ -92,6 +102,8 @@ impl Progress<'_> {
             limits: self.limits.to_vec(),
             events: self.events.to_vec(),
             ended: self.ended,
+            changes: self.changes.to_vec(),
+            phase: self.phase.cloned(),
             wall_s: self.wall_s,
         }
     }
@@ -134,6 +146,8 @@ pub struct Summary {
     pub limits: Vec<LimitPassed>,
     /// Events, impacts, stick and slip, in the order of time.
     pub events: Vec<EventRecord>,
+    /// Changes of a molecule's clusters.
+    pub changes: Vec<ChangeRecord>,
     /// True if an event ended the run.
     pub ended_by_event: bool,
     /// False if an observer stopped the run.

@@ -2,19 +2,21 @@
 
 use super::SceneFile;
 use super::mechanism::Mechanism;
+use super::recluster;
 use super::tree::{Node, Table, Value, suggestion};
 use crate::molecule::Molecule;
 use phipsi_formats::system::SystemOptions;
 use phipsi_formats::{Note, Problem, Report};
 use phipsi_model::State;
 use phipsi_molecule::{
-    Angles, BOLTZMANN, BondKind, Clustering, Clusters, Deviates, Distribution, FixmanForce, FixmanPotential,
-    ForceField, Hinges, MinimizeOptions, MolecularForces, MoleculeErrors, PotentialForce, Rings,
-    TorsionModel, draw_velocities, read_molecule, satisfied_constraints, strain,
+    Angles, BondKind, Clustering, Clusters, Deviates, Distribution, ForceField, Hinges, MinimizeOptions,
+    MolecularForces, MoleculeError, MoleculeErrors, Rings, TorsionModel, draw_velocities, read_molecule,
+    satisfied_constraints, strain,
 };
 use phipsi_motion::Force;
 use phipsi_recursion::ArticulatedSweep;
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
+use phipsi_spatial::Vec3;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -32,6 +34,7 @@ pub(crate) struct MoleculeScene {
 pub(crate) fn read(
     scene: &mut Table<'_>,
     folder: &Path,
+    inner_steps: usize,
     report: &mut Report,
 ) -> Result<Mechanism, Vec<Report>> {
     let Some(mut table) = scene.table("molecule", report) else { return Err(Vec::new()) };
@@ -40,6 +43,7 @@ pub(crate) fn read(
     let ignore = texts(&mut table, "ignore", report);
     let (mut clustering, cartesian) = clustering(&mut table, report);
     let free = word_or_indices(&mut table, "free", "water", report);
+    let changes = recluster::read(&mut table, &clustering, report);
     let temperature = table.positive("temperature_K", true, report);
     let seed = seed(&mut table, report);
     let minimize = minimize(&mut table, report);
@@ -69,12 +73,14 @@ pub(crate) fn read(
             .errors
             .extend(errors.0.into_iter().map(|e| Problem::new(None, e.place, e.found, e.required, e.remedy)));
     };
-    let build = || {
-        let clusters = Clusters::new(&read.atoms, &read.positions, &clustering)?;
+    let mut widest = clustering.clone();
+    widest.rigid.retain(|kind| changes.iter().all(|change| !change.thaw.contains(kind)));
+    let build = |clustering: &Clustering, positions: &[Vec3<f64>]| {
+        let clusters = Clusters::new(&read.atoms, positions, clustering)?;
         let kept = satisfied_constraints(&read.atoms, &clusters, &read.system)?;
-        Ok((TorsionModel::new(&read.atoms, &read.positions, clusters)?, kept))
+        Ok((TorsionModel::new(&read.atoms, positions, clusters)?, kept))
     };
-    let (torsion, kept) = match build() {
+    let (torsion, kept) = match build(&clustering, &read.positions) {
         Ok(built) => built,
         Err(errors) => {
             refuse(report, errors);
@@ -95,24 +101,52 @@ pub(crate) fn read(
         }
     };
     note_clusters(&torsion, kept, report);
-    let torsion = Arc::new(torsion);
-    let mut forces = MolecularForces::new(torsion.clone(), field);
-    let model = torsion.model().clone();
-    let mut start = State { q: model.neutral(), v: vec![0.0; model.nv()], t: 0.0 };
+    let rest = |torsion: &TorsionModel| {
+        let model = torsion.model();
+        State { q: model.neutral(), v: vec![0.0; model.nv()], t: 0.0 }
+    };
+    let mut start = rest(&torsion);
+    let mut torsion = Arc::new(torsion);
+    let mut forces = MolecularForces::new(torsion.clone(), field.clone());
     if !look_at_start(&mut forces, &mut start, minimize, report) {
         return Err(reports);
     }
-    match forces.leave_out_constants(&start.q) {
-        Ok(left_out) => {
-            let told = left_out.iter().filter(|l| l.entries[0] > 0);
-            report.used.extend(told.map(|l| Note::new(None, "left out", l.to_string())));
+    if widest.rigid.len() < clustering.rigid.len() {
+        // What turns later is recorded too: the scene's model has it, at the positions of the start.
+        let placed = torsion.positions(&start.q).map_err(|e| {
+            let remedy = "correct the positions";
+            MoleculeErrors(vec![MoleculeError::new("start", e.to_string(), "positions of all atoms", remedy)])
+        });
+        torsion = match placed.and_then(|positions| build(&widest, &positions)) {
+            Ok((torsion, _)) => Arc::new(torsion),
+            Err(errors) => {
+                refuse(report, errors);
+                return Err(reports);
+            }
+        };
+        start = rest(&torsion);
+    }
+    let model = torsion.model().clone();
+    let mut molecule = Molecule::new(torsion.clone(), seed);
+    (molecule.temperature, molecule.distribution) = (temperature, Distribution::with_fixman(fixman));
+    molecule.inner_steps = inner_steps;
+    let made = molecule.forces_on(&torsion, field.clone(), &start.q).and_then(|own| {
+        let told = own.left_out.iter().filter(|l| l.entries[0] > 0);
+        report.used.extend(told.map(|l| Note::new(None, "left out", l.to_string())));
+        let parts = (&*torsion, &field);
+        let of_atoms = (&read.atoms, &read.positions[..]);
+        Ok((own.forces, recluster::schedule(of_atoms, parts, (clustering, changes), report)?))
+    });
+    let own = match made {
+        Ok((forces, schedule)) => {
+            molecule.schedule = schedule.map(Arc::new);
+            forces
         }
-        Err(e) => {
-            let remedy = "move the atoms apart, or correct the files";
-            report.errors.push(Problem::new(None, "force field", e.to_string(), "finite energies", remedy));
+        Err(errors) => {
+            refuse(report, errors);
             return Err(reports);
         }
-    }
+    };
     if let Some(temperature) = temperature {
         match ArticulatedSweep::new(torsion.layout(), &start.q) {
             Ok(factors) => {
@@ -142,18 +176,6 @@ pub(crate) fn read(
         SceneFile { key: "molecule.pdb".into(), path: pdb },
         SceneFile { key: "molecule.system".into(), path: system },
     ];
-    let mut own: Vec<Box<dyn Force>> = vec![Box::new(PotentialForce::new("force field", forces))];
-    if let (true, Some(temperature)) = (fixman, temperature) {
-        match FixmanPotential::of(&torsion, BOLTZMANN * temperature) {
-            Ok(potential) => own.push(Box::new(FixmanForce::from(potential))),
-            Err(error) => {
-                refuse(report, MoleculeErrors(vec![error]));
-                return Err(reports);
-            }
-        }
-    }
-    let mut molecule = Molecule::new(torsion, seed);
-    (molecule.temperature, molecule.distribution) = (temperature, Distribution::with_fixman(fixman));
     let molecule = Some(MoleculeScene { molecule, forces: own, start });
     Ok(Mechanism { model, files, reports, friction_speed: None, moving: Vec::new(), molecule })
 }
@@ -269,23 +291,7 @@ fn clustering(table: &mut Table<'_>, report: &mut Report) -> (Clustering, bool) 
             }
         }
     }
-    for word in texts(table, "rigid", report) {
-        match BondKind::from_word(&word) {
-            Some(kind) => clustering.rigid.push(kind),
-            None => {
-                let node = table.get("rigid");
-                let words: Vec<&str> = BondKind::ALL.iter().map(|k| k.word()).collect();
-                let required = format!("kinds of bonds: {}", words.join(", "));
-                table.error(
-                    node,
-                    report,
-                    format!("rigid = [… {word:?} …]"),
-                    required,
-                    suggestion(&word, &words),
-                );
-            }
-        }
-    }
+    clustering.rigid = kinds(table, "rigid", report);
     if let Some(bonds) = index_lists(table, "hinges", report) {
         let pairs: Option<Vec<[usize; 2]>> =
             bonds.into_iter().map(|b| <[usize; 2]>::try_from(b).ok()).collect();
@@ -307,6 +313,24 @@ fn clustering(table: &mut Table<'_>, report: &mut Report) -> (Clustering, bool) 
         clustering.groups = groups;
     }
     (clustering, cartesian)
+}
+
+/// Kinds of bonds.
+pub(super) fn kinds(table: &mut Table<'_>, key: &'static str, report: &mut Report) -> Vec<BondKind> {
+    let mut found = Vec::new();
+    for word in texts(table, key, report) {
+        match BondKind::from_word(&word) {
+            Some(kind) => found.push(kind),
+            None => {
+                let node = table.get(key);
+                let words: Vec<&str> = BondKind::ALL.iter().map(|k| k.word()).collect();
+                let required = format!("kinds of bonds: {}", words.join(", "));
+                let what = format!("{key} = [… {word:?} …]");
+                table.error(node, report, what, required, suggestion(&word, &words));
+            }
+        }
+    }
+    found
 }
 
 /// One of some words, or lists of atom indices.

@@ -178,6 +178,30 @@ pub(crate) fn end(root: &Node) -> f64 {
     integrator.and_then(|mut t| t.positive("t_end", false, &mut unread)).unwrap_or(0.0)
 }
 
+/// Steps with bonds, angles and torsions in a step of a molecule, before everything else is read; [`integrator`] reports what is wrong.
+pub(crate) fn inner_steps(root: &Node) -> usize {
+    let mut unread = Report::new("");
+    let integrator =
+        Table::new(root, "scene", &mut unread).and_then(|mut s| s.table("integrator", &mut unread));
+    integrator.map_or(1, |mut t| whole(&mut t, "inner_steps", &mut unread).unwrap_or(1) as usize)
+}
+
+/// Most steps with bonds, angles and torsions in one.
+const MOST_INNER: u64 = 1000;
+
+/// A whole number of at least 1; where it is another one, 1 after a report.
+fn whole(table: &mut Table<'_>, key: &'static str, report: &mut Report) -> Option<u64> {
+    let node = table.get(key)?;
+    match node.value {
+        Value::Integer(n) if n > 0 => Some(n as u64),
+        _ => {
+            let found = format!("{key} = {}", node.value.describe());
+            table.error(Some(node), report, found, "a whole number, at least 1", format!("correct `{key}`"));
+            Some(1)
+        }
+    }
+}
+
 /// Method, tolerances, end.
 ///
 /// Of a molecule, times are in ps, the step may be given in fs, and `auto` is the midpoint method.
@@ -232,6 +256,17 @@ pub(crate) fn integrator(
         let node = table.get("ensemble");
         let found = format!("ensemble = \"{}\" with method = \"{word}\"", ensemble.word());
         table.error(node, report, found, "method = \"midpoint\"", "remove `method`");
+    }
+    if molecule && let Some(n) = whole(&mut table, "inner_steps", report) {
+        let node = table.get("inner_steps");
+        if n > MOST_INNER {
+            let required = format!("at most {MOST_INNER}");
+            table.error(node, report, format!("inner_steps = {n}"), required, "take a shorter step");
+        }
+        if word != "midpoint" {
+            let found = format!("inner_steps with method = \"{word}\"");
+            table.error(node, report, found, "method = \"midpoint\"", "remove `inner_steps`, or `method`");
+        }
     }
     let choice = match (word, step) {
         ("rk4", Some(step)) => Choice::asked(Method::Rk4 { step }),
@@ -299,7 +334,7 @@ pub(crate) fn integrator(
 }
 
 /// What a run is made of, several and one.
-fn pieces(ensemble: &Ensemble) -> (&'static str, &'static str) {
+pub(crate) fn pieces(ensemble: &Ensemble) -> (&'static str, &'static str) {
     if ensemble.stride() > 1 { ("trajectories", "a trajectory") } else { ("steps", "a step") }
 }
 
@@ -308,17 +343,8 @@ fn ensemble(table: &mut Table<'_>, step: Option<f64>, report: &mut Report) -> En
     let word = table.word("ensemble", &Ensemble::WORDS, report).unwrap_or("nve");
     let friction = table.positive("friction_per_ps", true, report);
     let relaxation = table.positive("relaxation_ps", false, report);
-    let steps = match table.get("trajectory_steps").map(|node| &node.value) {
-        None => None,
-        Some(Value::Integer(n)) if *n > 0 => Some(*n as u64),
-        Some(other) => {
-            let (node, found) =
-                (table.get("trajectory_steps"), format!("trajectory_steps = {}", other.describe()));
-            table.error(node, report, found, "a whole number, at least 1", "correct `trajectory_steps`");
-            // Any number of steps is a whole number of these: one problem is told once.
-            Some(1)
-        }
-    };
+    // Any number of steps is a whole number of these: one problem is told once.
+    let steps = whole(table, "trajectory_steps", report);
     for (key, owner) in
         [("friction_per_ps", "langevin"), ("relaxation_ps", "nose_hoover"), ("trajectory_steps", "hmc")]
     {
@@ -344,7 +370,7 @@ fn ensemble(table: &mut Table<'_>, step: Option<f64>, report: &mut Report) -> En
 const MOST_SAMPLES: f64 = 1e8;
 
 /// True if x is a whole number of steps, to a millionth of one.
-fn is_multiple(x: f64, step: f64) -> bool {
+pub(crate) fn is_multiple(x: f64, step: f64) -> bool {
     let n = x / step;
     n > 0.5 && (n - n.round()).abs() < 1e-6
 }

@@ -1,0 +1,216 @@
+//! Freeze and thaw in scenes: what is kept, what is recorded, what a checkpoint continues, what is refused.
+
+use crate::molecule::{Interrupted, SCENE, reports, rows, scene, with_ensemble};
+use phipsi_formats::Problem;
+use phipsi_molecule::temperature;
+use phipsi_simulate::folder::results::Plan;
+use phipsi_simulate::{ChangeRecord, Recording, Row, RunState, Simulation, resume, run};
+
+const CHANGES: &str = r#"
+[[molecule.recluster]]
+time_ps = 0.1
+freeze = ["omega", "methyl"]
+[[molecule.recluster]]
+time_ps = 0.2
+thaw = ["methyl"]
+thaw_temperature_K = 300
+"#;
+
+fn with(scene: &str, changes: &str) -> String {
+    format!("{scene}{changes}")
+}
+
+/// Places in q and v of the hinges of kinds of bonds.
+fn hinges(simulation: &Simulation, kinds: &[&str]) -> Vec<(usize, usize)> {
+    let torsion = &simulation.molecule.as_ref().unwrap().torsion;
+    let all = torsion.clusters().hinges.iter().enumerate();
+    let dofs = all.filter(|(_, h)| kinds.contains(&h.kind.word())).map(|(i, _)| torsion.hinge_dof(i));
+    let model = torsion.model();
+    dofs.map(|dof| (model.q_offset(model.joint_of_velocity(dof).0), dof)).collect()
+}
+
+fn conserved(r: &Row) -> f64 {
+    r.energy[0] + r.energy[1] - r.energy[2]
+}
+
+/// after = before − removed + drawn, to the rounding of sums over 22 atoms and two sweeps.
+fn balanced(change: &ChangeRecord) {
+    let l = &change.ledger;
+    let off = l.before - l.removed + l.drawn - l.after;
+    assert!(off.abs() < 64.0 * 22.0 * f64::EPSILON * (l.before + l.after), "{change:?}");
+}
+
+#[test]
+fn what_is_frozen_rests_and_what_is_thawed_moves() {
+    let text = with(SCENE, CHANGES);
+    let loaded = scene(&text).unwrap();
+    let plan = Plan::new(&loaded.simulation);
+    assert_eq!(plan.degrees_of_freedom, Some(13));
+    assert_eq!(
+        plan.changes,
+        [
+            "t = 0.1 ps: freeze omega, methyl; 8 degrees of freedom",
+            "t = 0.2 ps: thaw methyl at 300 K; 11 degrees of freedom"
+        ]
+    );
+    let notes: Vec<&str> = loaded.reports[0].used.iter().map(|n| n.what.as_str()).collect();
+    assert!(notes.iter().any(|n| n.contains("from 0.1 ps on") && n.contains("8 degrees")), "{notes:?}");
+    let (omega, methyl) = (hinges(&loaded.simulation, &["omega"]), hinges(&loaded.simulation, &["methyl"]));
+    assert_eq!((omega.len(), methyl.len()), (2, 3));
+    let (with_changes, summary) = rows(&text);
+    let without = rows(SCENE).0;
+    // Rows at 0, 0.02, …: the sixth is that of 0.1 ps, before the change.
+    assert_eq!(with_changes[..6], without[..6]);
+    assert_eq!((summary.steps, summary.changes.len(), with_changes.len()), (100, 2, 21));
+    for (change, row) in summary.changes.iter().zip([5, 10]) {
+        balanced(change);
+        assert!((change.t - with_changes[row].t).abs() < 1e-12);
+        // The row is measured in the scene's coordinates: kinetic energies of the same velocities.
+        let off = change.ledger.before - with_changes[row].energy[0];
+        assert!(off.abs() < 1e-10 * change.ledger.before, "{off:e}");
+        assert_eq!(change.fixman, 0.0);
+    }
+    let [first, second] = [&summary.changes[0].ledger, &summary.changes[1].ledger];
+    assert!(first.removed > 0.1 && first.drawn == 0.0 && second.drawn > 0.1, "{first:?} {second:?}");
+    assert!(second.removed < 1e-10 * second.before);
+    assert_eq!((first.degrees_of_freedom, second.degrees_of_freedom), ([13, 8], [8, 11]));
+    // Frozen angles stay to the rounding of positions over arms of a tenth of a nanometre; others move by degrees.
+    let still = |rows: &[Row], &(q, v): &(usize, usize)| {
+        rows.iter().all(|r| (r.q[q] - rows[0].q[q]).abs() < 1e-9 && r.v[v].abs() < 1e-8)
+    };
+    let moves =
+        |rows: &[Row], &(q, _): &(usize, usize)| rows.iter().any(|r| (r.q[q] - rows[0].q[q]).abs() > 1e-3);
+    assert!(omega.iter().all(|h| still(&with_changes[6..], h) && moves(&with_changes[..6], h)));
+    assert!(methyl.iter().all(|h| still(&with_changes[6..11], h) && moves(&with_changes[11..], h)));
+    // The balance goes on through the changes, and so do both momenta.
+    let noise =
+        with_changes.iter().map(|r| (conserved(r) - conserved(&with_changes[0])).abs()).fold(0.0, f64::max);
+    assert!(noise < 0.1, "{noise}");
+    assert!(summary.momentum_error.unwrap()[1] < 1e-11, "{:?}", summary.momentum_error);
+    assert!(
+        (with_changes[20].energy[2] - summary.changes.iter().map(ChangeRecord::given).sum::<f64>()).abs()
+            < 1e-12
+    );
+    // Positions of the atoms go on: a step of the fastest atoms is hundredths of a nanometre in 0.02 ps.
+    let molecule = loaded.simulation.molecule.as_ref().unwrap();
+    for pair in with_changes.windows(2) {
+        let [a, b] = [&pair[0], &pair[1]].map(|r| molecule.positions(&r.q).unwrap());
+        let far = a
+            .iter()
+            .zip(&b)
+            .map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>())
+            .fold(0.0, f64::max);
+        assert!(far.sqrt() < 0.15, "{}", far.sqrt());
+    }
+    // The mean temperature counts the degrees of freedom of each time.
+    let counted = |t: f64| molecule.degrees_of_freedom_at(t);
+    assert_eq!([0.0, 0.1, 0.12, 0.2, 0.22, 0.4].map(counted), [13, 13, 8, 8, 11, 11]);
+}
+
+/// A run that begins rigid and thaws is recorded in the coordinates of what thaws.
+#[test]
+fn what_is_rigid_at_the_start_can_thaw() {
+    let start = SCENE.replace("seed = 1", "seed = 1\nrigid = [\"omega\", \"methyl\"]\nminimize = true");
+    let changes = "[[molecule.recluster]]\ntime_ps = 0.2\nthaw = [\"methyl\", \"omega\"]\nfreeze = [\"backbone_phi\"]\n";
+    let text = with(&start, changes);
+    let loaded = scene(&text).unwrap();
+    assert_eq!((loaded.simulation.model().nv(), loaded.simulation.degrees_of_freedom()), (13, 8));
+    let all = hinges(&loaded.simulation, &["omega", "methyl"]);
+    let (rows, summary) = rows(&text);
+    for &(q, v) in &all {
+        assert!(rows[..11].iter().all(|r| r.q[q].abs() < 1e-9 && r.v[v].abs() < 1e-8));
+    }
+    // No temperature of what thaws at constant energy: it begins at rest, and nothing is drawn.
+    let change = &summary.changes[0];
+    balanced(change);
+    assert_eq!((change.ledger.drawn.abs() < 1e-10, change.ledger.degrees_of_freedom), (true, [8, 12]));
+    assert!(rows.iter().all(|r| (conserved(r) - conserved(&rows[0])).abs() < 0.1));
+    // As many kT/2 as there are degrees of freedom, on average; velocities of one draw are within four deviations.
+    let kelvin = temperature(rows[0].energy[0], 8);
+    assert!((kelvin - 300.0).abs() < 4.0 * 300.0 * (2.0f64 / 8.0).sqrt(), "{kelvin}");
+}
+
+#[test]
+fn checkpoints_before_at_and_after_changes_continue_bit_for_bit() {
+    for (ensemble, afters) in [
+        ("\"nve\"", [10, 25, 37, 60]),
+        ("\"langevin\"", [10, 25, 37, 60]),
+        ("\"nose_hoover\"", [10, 25, 37, 60]),
+        ("\"hmc\"\ntrajectory_steps = 5", [2, 5, 8, 12]),
+    ] {
+        let scene_text = with_ensemble(ensemble).replace("seed = 1", "seed = 1\nfixman = true");
+        let text = with(&scene_text, CHANGES);
+        for after in afters {
+            let mut whole = Interrupted { recording: Recording::default(), after, state: None };
+            let summary = run(&mut scene(&text).unwrap().simulation, &mut whole).unwrap();
+            let state: RunState = serde_json::from_slice(&whole.state.unwrap()).unwrap();
+            let done = state.rows as usize;
+            let mut rest = Recording::default();
+            let again = resume(&mut scene(&text).unwrap().simulation, state, &mut rest).unwrap();
+            assert_eq!(rest.rows[..], whole.recording.rows[done..], "{ensemble} {after}");
+            assert_eq!(
+                (again.changes, again.q, again.energy_error),
+                (summary.changes, summary.q, summary.energy_error)
+            );
+        }
+    }
+}
+
+/// The conserved quantity goes on in every bath, and what thaws has the bath's temperature without being asked.
+#[test]
+fn baths_go_on_with_other_clusters() {
+    let changes = CHANGES.replace("thaw_temperature_K = 300\n", "");
+    for ensemble in ["\"langevin\"", "\"nose_hoover\"", "\"hmc\"\ntrajectory_steps = 5"] {
+        let scene_text = with_ensemble(ensemble).replace("seed = 1", "seed = 1\nfixman = true");
+        let text = with(&scene_text, &changes);
+        let (rows, summary) = rows(&text);
+        assert!(summary.changes[1].ledger.drawn > 0.0);
+        assert!(summary.changes.iter().all(|c| c.fixman != 0.0));
+        summary.changes.iter().for_each(balanced);
+        // Monte Carlo refuses what steps err by more.
+        let limit = if ensemble.contains("hmc") { f64::INFINITY } else { 0.2 };
+        let noise = rows.iter().map(|r| (conserved(r) - conserved(&rows[0])).abs()).fold(0.0, f64::max);
+        assert!(noise < limit, "{ensemble}: {noise}");
+        assert_eq!(summary.steps, 100);
+        assert_eq!(summary.trials.unwrap().made, if ensemble.contains("hmc") { 20 } else { 0 });
+    }
+    // A flexible ring beside them stays closed.
+    let ring = SCENE.replace("ala_dipeptide", "proline").replace("step_fs = 4", "step_fs = 2");
+    let changes = "[[molecule.recluster]]\ntime_ps = 0.1\nfreeze = [\"methyl\"]\n";
+    let (rows, _) = rows(&with(&ring, changes));
+    assert!(rows.iter().all(|r| (conserved(r) - conserved(&rows[0])).abs() < 0.1));
+    let flexible = with(&ring.replace("seed = 1", "rings = \"flexible\""), changes);
+    let refused: Vec<Problem> = reports(&flexible).into_iter().flat_map(|r| r.errors).collect();
+    assert!(refused[0].found.contains("open bond angles"), "{refused:?}");
+}
+
+#[test]
+fn wrong_changes_say_what_is_required() {
+    let error = |changes: &str, scene: &str| {
+        let errors: Vec<Problem> =
+            reports(&with(scene, changes)).into_iter().flat_map(|r| r.errors).collect();
+        assert_eq!(errors.len(), 1, "{errors:?}");
+        errors[0].clone()
+    };
+    let one = |line: &str| error(&format!("[[molecule.recluster]]\n{line}\n"), SCENE);
+    assert!(one("freeze = [\"omega\"]").found.contains("no `time_ps`"));
+    assert!(one("time_ps = 0.1").found.contains("neither"));
+    assert_eq!(one("time_ps = 0.1\nfreeze = [\"omga\"]").remedy, "did you mean `omega`?");
+    assert!(one("time_ps = 0.1\nthaw = [\"omega\"]").required.contains("rigid until then"));
+    assert!(one("time_ps = 0.1\nfreeze = [\"chi\"]").found.contains("leaves 7 hinges"));
+    assert!(one("time_ps = 0.4\nfreeze = [\"omega\"]").required.contains("before the end"));
+    assert!(one("time_ps = 0.101\nfreeze = [\"omega\"]").required.contains("whole number of steps"));
+    assert!(
+        one("time_ps = 0.1\nfreeze = [\"omega\"]\nthaw_temperature_K = 3").found.contains("without `thaw`")
+    );
+    assert!(one("time_ps = 0.1\nfreeze = [\"omega\"]\nfreese = 3").remedy.contains("freeze"));
+    let again = CHANGES.replace("time_ps = 0.2", "time_ps = 0.1");
+    assert!(error(&again, SCENE).required.contains("increase"));
+    let rigid = SCENE.replace("seed = 1", "rigid = [\"omega\"]");
+    assert!(error(CHANGES, &rigid).required.contains("turns until then"));
+    let explicit = SCENE.replace("step_fs = 4", "method = \"dop853\"");
+    assert!(error(CHANGES, &explicit).required.contains("midpoint"));
+    let force = format!("{CHANGES}[[force]]\nkind = \"torque\"\njoint = \"ALA2:N-CA\"\nvalue = 1\n");
+    let e = reports(&with(SCENE, &force)).into_iter().flat_map(|r| r.errors).next().unwrap();
+    assert!(e.remedy.contains("recluster"), "{e:?}");
+}
