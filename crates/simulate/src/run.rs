@@ -15,10 +15,12 @@ use phipsi_recursion::{DynamicsError, Kinematics};
 use std::time::Instant;
 
 mod companion;
+mod cores;
 mod estimate;
 mod results;
 
 use companion::Companion;
+use cores::CORES;
 
 pub use results::{ClosureRecord, Progress, RunState, Summary};
 
@@ -152,6 +154,7 @@ impl<'a> Runner<'a> {
     }
 
     fn run(mut self, observer: &mut dyn Observer) -> Result<Summary, SimulateError> {
+        let _busy = CORES.occupy();
         let (t0, t_end) = (self.simulation.start.t, self.simulation.t_end);
         let breaks: Vec<f64> =
             self.simulation.dynamics.breaks().into_iter().filter(|b| *b > t0 && *b < t_end).collect();
