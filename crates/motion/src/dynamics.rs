@@ -11,6 +11,7 @@ use crate::plan::Plan;
 use crate::prescription::Prescription;
 use crate::switch::Switches;
 use crate::system::{Linearization, Projected, System, differences};
+use phipsi_closure::{ClosedForm, ClosedFormChoice};
 use phipsi_model::Model;
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{
@@ -38,6 +39,7 @@ pub struct Dynamics {
     kinematics: Kinematics<f64>,
     solver: Solver,
     form_choice: Option<FormChoice>,
+    closed_choice: Option<ClosedFormChoice>,
     inverse: InverseDynamics<f64>,
     rest: Vec<f64>,
     tau: Vec<f64>,
@@ -113,9 +115,15 @@ impl Dynamics {
             names.extend(force.auxiliary());
             slots.push(names.len());
         }
+        let mut closed_choice = None;
         let (solver, form_choice) =
             match Constraints::new(model, prescription, plan.loops || plan.prescribed)? {
-                Some(constraints) => (Solver::Constrained(Box::new(constraints)), None),
+                Some(mut constraints) => {
+                    let choice = ClosedFormChoice::new(model, plan.form)?;
+                    constraints.set_form(choice.form)?;
+                    closed_choice = Some(choice);
+                    (Solver::Constrained(Box::new(constraints)), None)
+                }
                 None => {
                     let (forward, choice) = forward(model, &layout, plan.form);
                     (Solver::Tree(forward), choice)
@@ -127,6 +135,7 @@ impl Dynamics {
             kinematics: Kinematics::new(&layout),
             solver,
             form_choice,
+            closed_choice,
             given_breaks: prescription.breaks(),
             switches: Switches::new(model, Vec::new())?,
             holder: None,
@@ -158,6 +167,7 @@ impl Dynamics {
             kinematics: self.kinematics.clone(),
             solver: self.solver.clone(),
             form_choice: self.form_choice,
+            closed_choice: self.closed_choice,
             inverse: self.inverse.clone(),
             rest: self.rest.clone(),
             tau: self.tau.clone(),
@@ -174,20 +184,36 @@ impl Dynamics {
     pub fn plan(&self) -> &Plan {
         &self.plan
     }
-    /// Another form of forward dynamics than the plan's; loops and prescribed motions have one form only.
-    pub fn set_form(&mut self, form: Form) {
-        if let Solver::Tree(tree) = &mut self.solver
-            && form != self.plan.form
-        {
-            (*tree, self.form_choice) = forward(&self.model, &self.layout, form);
-            self.plan.form = form;
+    /// Another form of forward dynamics than the plan's; of loops and prescribed motions that of [`ClosedFormChoice`].
+    ///
+    /// # Errors
+    /// [`MotionError::Closure`] for a form that mechanisms with loops or prescribed motions do not have, [`MotionError::Dynamics`] for
+    /// one that flexible bodies do not have; nothing has changed then.
+    pub fn set_form(&mut self, form: Form) -> Result<(), MotionError> {
+        if form == self.plan.form {
+            return Ok(());
         }
+        match &mut self.solver {
+            Solver::Tree(tree) => (*tree, self.form_choice) = forward(&self.model, &self.layout, form),
+            Solver::Constrained(_) => {
+                self.closed_choice = Some(ClosedFormChoice::new(&self.model, form)?);
+            }
+        }
+        self.plan.form = form;
+        self.spread_form()
     }
-    /// The form that runs; never [`Form::Auto`].
+    /// Takes the form over to what closes loops and holds joints.
+    fn spread_form(&mut self) -> Result<(), MotionError> {
+        let of_tree = ClosedFormChoice::beside(self.form(), self.layout.is_flexible());
+        let form = self.closed_choice.map_or(of_tree, |choice| choice.form);
+        self.constraints().map_or(Ok(()), |constraints| Ok(constraints.set_form(form)?))
+    }
+    /// The form that runs, of loops and prescribed motions the one that asks for it; never [`Form::Auto`].
     pub fn form(&self) -> Form {
-        match &self.solver {
-            Solver::Tree(forward) => forward.form(),
-            Solver::Constrained(_) => Form::Plain,
+        match (&self.solver, self.closed_choice) {
+            (Solver::Tree(forward), _) => forward.form(),
+            (_, Some(choice)) if choice.form == ClosedForm::SquareRoot => Form::SquareRoot,
+            _ => Form::Plain,
         }
     }
     /// True if the model has loops or prescribed motions.
@@ -259,6 +285,10 @@ impl Dynamics {
             Solver::Tree(_) => Ok(Projected::default()),
             Solver::Constrained(c) => Ok(c.assemble(t, (q, v), kept)?),
         }
+    }
+    /// The form of loops and prescribed motions, and why; `None` of a tree without them.
+    pub fn closed_form_choice(&self) -> Option<&ClosedFormChoice> {
+        self.closed_choice.as_ref()
     }
     /// Why this form, where the plan's is [`Form::Auto`].
     pub fn form_choice(&self) -> Option<&FormChoice> {
