@@ -20,6 +20,11 @@ use std::fmt;
 ///
 /// Models with flexible bodies have the mixed form only.
 ///
+/// # Accuracy
+/// The square-root form keeps the digits of heavy bodies that hang between light ones. Of one next to the cut, ε × mass ratio is lost in
+/// any form: the rows of the closure cancel on their way to it. The choice does not see that; `docs/src/loops.md` has numbers.
+///
+/// # Example
 /// ```
 /// use phipsi_closure::{ClosedForm, ClosedFormChoice};
 /// use phipsi_recursion::Form;
