@@ -24,11 +24,13 @@ use phipsi_spatial::{Real, Scalar, Vec3, Wrench};
 use square_root::{Solve, SquareRoot};
 use std::ops::Range;
 
+mod choice;
 mod form;
 mod motion;
 mod solved;
 mod square_root;
 
+pub use choice::ClosedFormChoice;
 pub use form::ClosedForm;
 pub use solved::Solved;
 
@@ -92,7 +94,7 @@ pub struct ClosedInfo {
     pub velocity_error: f64,
     /// The worst redundant row that contradicts the others: a prescribed motion that the loops do not allow.
     pub inconsistency: Option<Inconsistency>,
-    /// The form that the state was solved in: mixed or plain.
+    /// The form that the state was solved in: mixed, plain or square root.
     pub form: ClosedForm,
 }
 

@@ -1,6 +1,6 @@
 //! What can go wrong with closed loops.
 
-use phipsi_recursion::DynamicsError;
+use phipsi_recursion::{DynamicsError, Form};
 use std::fmt;
 
 /// Why a mechanism with loops gave no result.
@@ -43,6 +43,11 @@ pub enum ClosureError {
         /// Its pivot over the scale of its loop.
         pivot: f64,
     },
+    /// A form of forward dynamics that is for trees only.
+    Form {
+        /// The form.
+        found: Form,
+    },
     /// A number that is not finite.
     NotFinite {
         /// The joint.
@@ -76,6 +81,11 @@ impl fmt::Display for ClosureError {
                 f,
                 "row {row} of closure `{closure}` has a pivot of {pivot:e}, but the plain form requires more than 1e-4, or a row \
                  that is zero by itself; solve in the form `Auto` or `Mixed`"
+            ),
+            ClosureError::Form { found } => write!(
+                f,
+                "form \"{found}\" is for trees, but loops and prescribed motions have \"plain\" and \"square_root\" only; \
+                 use one of them, or \"auto\""
             ),
             ClosureError::NotFinite { joint, component, found } => write!(
                 f,

@@ -4,6 +4,7 @@ mod against_reference;
 mod allocation;
 mod closure_compliance;
 mod flexible;
+mod form_choice;
 mod identities;
 mod mechanisms;
 mod plain_form;

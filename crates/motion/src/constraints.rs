@@ -10,7 +10,7 @@
 use crate::dynamics::MotionError;
 use crate::prescription::{Course, PrescribedJoint, Prescription};
 use crate::system::Projected;
-use phipsi_closure::{ClosedDynamics, ClosureError, ClosureMotion, Conditions, Prescribed};
+use phipsi_closure::{ClosedDynamics, ClosedForm, ClosureError, ClosureMotion, Conditions, Prescribed};
 use phipsi_model::Model;
 use phipsi_recursion::DynamicsError;
 use phipsi_spatial::{Dd, Wrench};
@@ -211,6 +211,17 @@ impl Constraints {
             wide: if n > 0 { Some(Box::new(Wide::new(model)?)) } else { None },
             still: None,
         })
+    }
+    /// The same, solved in another form.
+    ///
+    /// # Errors
+    /// As [`ClosedDynamics::with_form`].
+    pub(crate) fn set_form(&mut self, form: ClosedForm) -> Result<(), ClosureError> {
+        let all = std::iter::once(&mut self.closed).chain(self.still.as_deref_mut());
+        for closed in all.filter(|closed| closed.form() != form) {
+            *closed = closed.clone().with_form(form)?;
+        }
+        Ok(())
     }
     /// True if motions of joints or closures are given.
     pub(crate) fn is_prescribed(&self) -> bool {

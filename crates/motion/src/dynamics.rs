@@ -5,21 +5,21 @@
 
 use crate::constraints::Constraints;
 use crate::event::Events;
-use crate::force::{Force, ForceError, Loads, Situation};
+use crate::force::Force;
 use crate::plan::Plan;
-use crate::prescription::Prescription;
 use crate::switch::Switches;
 use crate::system::{Linearization, Projected, System, differences};
+use phipsi_closure::ClosedFormChoice;
 use phipsi_model::Model;
-use phipsi_recursion::layout::GROUND;
-use phipsi_recursion::{
-    DynamicsError, Form, FormChoice, FormForwardDynamics, InverseDynamics, Kinematics, Layout, center_of_mass,
-};
-use phipsi_spatial::{Vec3, Wrench};
+use phipsi_recursion::{FormChoice, FormForwardDynamics, InverseDynamics, Kinematics, Layout};
+use phipsi_spatial::Wrench;
 
 mod conservative;
+mod construction;
 mod error;
+mod form;
 mod linearization;
+mod loads;
 mod switching;
 
 pub use error::MotionError;
@@ -37,6 +37,7 @@ pub struct Dynamics {
     kinematics: Kinematics<f64>,
     solver: Solver,
     form_choice: Option<FormChoice>,
+    closed_choice: Option<ClosedFormChoice>,
     inverse: InverseDynamics<f64>,
     rest: Vec<f64>,
     tau: Vec<f64>,
@@ -61,133 +62,9 @@ enum Solver {
 }
 
 impl Dynamics {
-    /// With the plan that the scene needs.
-    ///
-    /// # Errors
-    /// [`MotionError::Closure`] for a coupling that cannot be.
-    pub fn new(model: &Model, forces: Vec<Box<dyn Force>>) -> Result<Self, MotionError> {
-        Self::prescribed(model, forces, &Prescription::default())
-    }
-    /// The same where motions of joints or closures are given as functions of time.
-    ///
-    /// # Errors
-    /// As [`Dynamics::new`]; [`MotionError::Prescription`].
-    pub fn prescribed(
-        model: &Model,
-        forces: Vec<Box<dyn Force>>,
-        prescription: &Prescription,
-    ) -> Result<Self, MotionError> {
-        let plan = Plan::new(model, &forces).with_prescription(model, prescription);
-        Self::planned(model, forces, plan, prescription)
-    }
-    /// With a given plan; [`Plan::everything`] is the general code.
-    ///
-    /// # Errors
-    /// As [`Dynamics::prescribed`].
-    pub fn with_plan(
-        model: &Model,
-        forces: Vec<Box<dyn Force>>,
-        plan: Plan,
-        prescription: &Prescription,
-    ) -> Result<Self, MotionError> {
-        Self::planned(model, forces, plan, prescription)
-    }
-    fn planned(
-        model: &Model,
-        forces: Vec<Box<dyn Force>>,
-        plan: Plan,
-        prescription: &Prescription,
-    ) -> Result<Self, MotionError> {
-        let layout = Layout::new(&model.clone().without_closures());
-        let mut names = Vec::new();
-        if plan.work {
-            names.push("work".to_string());
-        }
-        if plan.impulse {
-            names.extend(["x", "y", "z"].map(|a| format!("angular impulse {a}")));
-            names.extend(["x", "y", "z"].map(|a| format!("impulse {a}")));
-        }
-        let mut slots = vec![names.len()];
-        for force in &forces {
-            names.extend(force.auxiliary());
-            slots.push(names.len());
-        }
-        let (solver, form_choice) =
-            match Constraints::new(model, prescription, plan.loops || plan.prescribed)? {
-                Some(constraints) => (Solver::Constrained(Box::new(constraints)), None),
-                None => {
-                    let (forward, choice) = forward(model, &layout, plan.form);
-                    (Solver::Tree(forward), choice)
-                }
-            };
-        let moving = layout.carriers().iter().filter(|c| c.body != GROUND);
-        Ok(Dynamics {
-            moving_mass: moving.map(|c| c.inertia.mass).sum(),
-            kinematics: Kinematics::new(&layout),
-            solver,
-            form_choice,
-            given_breaks: prescription.breaks(),
-            switches: Switches::new(model, Vec::new())?,
-            holder: None,
-            inverse: InverseDynamics::new(&layout),
-            tangent: None,
-            aux_dot: Vec::new(),
-            rest: vec![0.0; model.nv()],
-            tau: vec![0.0; model.nv()],
-            wrenches: vec![Wrench::zero(); model.len()],
-            model: model.clone(),
-            layout,
-            forces,
-            plan,
-            slots,
-            names,
-        })
-    }
-    /// Another one like this, for a second thread; `None` where a force has no copy ([`Force::another`]). Both give the same numbers
-    /// to the last bit.
-    pub fn another(&self) -> Option<Self> {
-        let forces = self.forces.iter().map(|f| f.another()).collect::<Option<Vec<_>>>()?;
-        Some(Dynamics {
-            model: self.model.clone(),
-            layout: self.layout.clone(),
-            forces,
-            plan: self.plan.clone(),
-            slots: self.slots.clone(),
-            names: self.names.clone(),
-            kinematics: self.kinematics.clone(),
-            solver: self.solver.clone(),
-            form_choice: self.form_choice,
-            inverse: self.inverse.clone(),
-            rest: self.rest.clone(),
-            tau: self.tau.clone(),
-            wrenches: self.wrenches.clone(),
-            moving_mass: self.moving_mass,
-            tangent: None,
-            aux_dot: self.aux_dot.clone(),
-            given_breaks: self.given_breaks.clone(),
-            switches: self.switches.clone(),
-            holder: self.holder.clone(),
-        })
-    }
     /// What is computed.
     pub fn plan(&self) -> &Plan {
         &self.plan
-    }
-    /// Another form of forward dynamics than the plan's; loops and prescribed motions have one form only.
-    pub fn set_form(&mut self, form: Form) {
-        if let Solver::Tree(tree) = &mut self.solver
-            && form != self.plan.form
-        {
-            (*tree, self.form_choice) = forward(&self.model, &self.layout, form);
-            self.plan.form = form;
-        }
-    }
-    /// The form that runs; never [`Form::Auto`].
-    pub fn form(&self) -> Form {
-        match &self.solver {
-            Solver::Tree(forward) => forward.form(),
-            Solver::Constrained(_) => Form::Plain,
-        }
     }
     /// True if the model has loops or prescribed motions.
     pub fn is_constrained(&self) -> bool {
@@ -259,10 +136,6 @@ impl Dynamics {
             Solver::Constrained(c) => Ok(c.assemble(t, (q, v), kept)?),
         }
     }
-    /// Why this form, where the plan's is [`Form::Auto`].
-    pub fn form_choice(&self) -> Option<&FormChoice> {
-        self.form_choice.as_ref()
-    }
     /// The compiled model.
     pub fn layout(&self) -> &Layout<f64> {
         &self.layout
@@ -309,139 +182,6 @@ impl Dynamics {
         breaks.dedup();
         breaks
     }
-    /// Potential energies of the conservative forces at a state.
-    ///
-    /// # Errors
-    /// [`DynamicsError::Shape`].
-    pub fn potentials(&mut self, t: f64, q: &[f64], v: &[f64]) -> Result<Vec<f64>, DynamicsError> {
-        self.place(q, v)?;
-        let (model, layout, kinematics) = (&self.model, &self.layout, Some(&self.kinematics));
-        let at = Situation { model, layout, t, q, v, kinematics };
-        Ok(self.forces.iter().filter(|f| f.needs().conservative).map(|f| f.potential(&at)).collect())
-    }
-
-    /// Names of the parts of potential energies that are of interest, force after force.
-    pub fn terms(&self) -> Vec<String> {
-        self.forces.iter().flat_map(|f| f.terms()).collect()
-    }
-    /// The parts of potential energies at a state, in the order of [`Dynamics::terms`].
-    ///
-    /// # Errors
-    /// [`DynamicsError::Shape`].
-    pub fn term_energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Result<Vec<f64>, DynamicsError> {
-        if self.forces.iter().all(|f| f.terms().is_empty()) {
-            return Ok(Vec::new());
-        }
-        self.place(q, v)?;
-        let (model, layout, kinematics) = (&self.model, &self.layout, Some(&self.kinematics));
-        let at = Situation { model, layout, t, q, v, kinematics };
-        Ok(self.forces.iter().flat_map(|f| f.term_energies(&at)).collect())
-    }
-
-    fn place(&mut self, q: &[f64], v: &[f64]) -> Result<(), DynamicsError> {
-        self.kinematics.set_position(&self.layout, q)?;
-        self.kinematics.set_velocity(&self.layout, v)
-    }
-
-    /// Adds the loads of the forces that are conservative or not, as asked.
-    fn add_forces(
-        &mut self,
-        conservative: bool,
-        (t, q, v): (f64, &[f64], &[f64]),
-        aux: &[f64],
-        aux_dot: &mut [f64],
-    ) -> Result<(), ForceError> {
-        let kinematics = self.plan.kinematics.then_some(&self.kinematics);
-        let at = Situation { model: &self.model, layout: &self.layout, t, q, v, kinematics };
-        let mut loads = Loads { tau: &mut self.tau, wrenches: &mut self.wrenches };
-        for (i, force) in self.forces.iter_mut().enumerate() {
-            if force.needs().conservative == conservative {
-                let slots = self.slots[i]..self.slots[i + 1];
-                // The midpoint method has no auxiliary quantities at all.
-                let slots = if slots.is_empty() { 0..0 } else { slots };
-                force.add(&at, &aux[slots.clone()], &mut aux_dot[slots], &mut loads)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// All loads at a state, and the rates of the auxiliary quantities.
-    fn collect(
-        &mut self,
-        t: f64,
-        (q, v, aux): (&[f64], &[f64], &[f64]),
-        aux_dot: &mut [f64],
-    ) -> Result<(), MotionError> {
-        self.tau.iter_mut().for_each(|x| *x = 0.0);
-        if self.plan.wrenches {
-            self.wrenches.iter_mut().for_each(|w| *w = Wrench::zero());
-        }
-        if self.plan.kinematics || self.plan.wrenches || self.plan.impulse {
-            self.place(q, v)?;
-        }
-        self.add_forces(false, (t, q, v), aux, aux_dot)?;
-        self.switches.add_friction(&mut self.tau);
-        if self.plan.work {
-            aux_dot[0] = self.power(v);
-        }
-        self.add_forces(true, (t, q, v), aux, aux_dot)?;
-        if self.plan.impulse {
-            let rate = self.external(q)?.to_array();
-            let first = usize::from(self.plan.work);
-            aux_dot[first..first + 6].copy_from_slice(&rate);
-        }
-        Ok(())
-    }
-
-    /// Power of the loads collected so far.
-    fn power(&self, v: &[f64]) -> f64 {
-        let joints: f64 = self.tau.iter().zip(v).map(|(tau, v)| tau * v).sum();
-        let bodies = |k: usize| self.kinematics.velocity_in_body(&self.layout, Some(k)).dot(self.wrenches[k]);
-        let wrenches = if self.plan.wrenches { (0..self.model.len()).map(bodies).sum::<f64>() } else { 0.0 };
-        joints + wrenches - self.modal_loss(v)
-    }
-
-    /// η̇·C η̇ over all flexible bodies.
-    fn modal_loss(&self, v: &[f64]) -> f64 {
-        let mut loss = 0.0;
-        for (k, body) in self.model.bodies().iter().enumerate() {
-            let Some(flexible) = &body.flexible else { continue };
-            let rates = &v[self.model.mode_v_range(k)];
-            for (row, x) in flexible.damping.chunks_exact(rates.len().max(1)).zip(rates) {
-                loss += x * row.iter().zip(rates).map(|(c, y)| c * y).sum::<f64>();
-            }
-        }
-        loss
-    }
-
-    /// Rate of momentum by external forces: moment about the centre of mass, force; world axes.
-    fn external(&self, q: &[f64]) -> Result<Wrench<f64>, DynamicsError> {
-        let center = center_of_mass(&self.layout, q)?;
-        let mut total = Wrench::new(Vec3::zero(), Vec3(self.model.gravity()).scale(self.moving_mass));
-        let mut add = |k: usize, wrench: Wrench<f64>| {
-            let pose = self.kinematics.pose(&self.layout, Some(k));
-            let force = pose.rotation * wrench.force;
-            total.moment += pose.rotation * wrench.moment + (pose.translation - center).cross(force);
-            total.force += force;
-        };
-        for k in 0..self.model.len() {
-            if self.plan.wrenches && self.wrenches[k] != Wrench::zero() {
-                add(k, self.wrenches[k]);
-            }
-            if self.model.tree().parent(k).is_none() && self.model.v_range(k).len() == 6 {
-                let first = self.model.v_offset(k);
-                add(k, Wrench::from_array(std::array::from_fn(|i| self.tau[first + i])));
-            }
-        }
-        Ok(total)
-    }
-}
-
-/// Forward dynamics in a form; with `Auto`, measured on the model.
-fn forward(model: &Model, layout: &Layout<f64>, form: Form) -> (FormForwardDynamics, Option<FormChoice>) {
-    let choice = (form == Form::Auto).then(|| FormChoice::of(model, layout));
-    let form = choice.map_or(form, |choice| choice.form);
-    (FormForwardDynamics::new(model, layout, form), choice)
 }
 
 impl System for Dynamics {

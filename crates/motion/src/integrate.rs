@@ -1,143 +1,19 @@
 //! The driver: steps under error control, landing on given times, checkpoints.
 
 use crate::event::{Mode, Occurrence};
-use crate::explicit::{NotFinite, StageError};
+use crate::explicit::StageError;
 use crate::increment::largest_rotation;
 use crate::one_step::OneStep;
 use crate::system::{Projected, System};
 use phipsi_model::Model;
-use std::fmt;
 
+mod error;
+mod method;
 mod passing;
 
+pub use error::IntegrateError;
+pub use method::{Method, Tolerances};
 use passing::{Ahead, Passing};
-
-/// An integration method.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Method {
-    /// Order 8, adaptive.
-    Dop853,
-    /// Order 5, adaptive.
-    Tsit5,
-    /// Order 4, fixed step.
-    Rk4 {
-        /// Step size.
-        step: f64,
-    },
-    /// Rosenbrock method of order 4 for stiff scenes, adaptive.
-    Rodas4,
-    /// Rosenbrock method of order 5 for stiff scenes, adaptive.
-    Rodas5p,
-}
-
-impl Method {
-    /// Its order.
-    pub fn order(&self) -> u32 {
-        match self {
-            Method::Dop853 => 8,
-            Method::Tsit5 | Method::Rodas5p => 5,
-            Method::Rk4 { .. } | Method::Rodas4 => 4,
-        }
-    }
-    /// True for a method that solves with the Jacobian and has no limit of stability.
-    pub fn is_implicit(&self) -> bool {
-        matches!(self, Method::Rodas4 | Method::Rodas5p)
-    }
-}
-
-/// Error control.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tolerances {
-    /// Relative tolerance of velocities, against 1 + their largest value so far.
-    pub rtol: f64,
-    /// Absolute tolerance of increments, rad or m.
-    pub atol: f64,
-    /// Largest step.
-    pub max_step: f64,
-}
-
-impl Tolerances {
-    /// Equal tolerances, no largest step.
-    pub fn new(tolerance: f64) -> Self {
-        Tolerances { rtol: tolerance, atol: tolerance, max_step: f64::INFINITY }
-    }
-}
-
-/// Why a step could not be made; the state before it is intact.
-#[derive(Clone, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum IntegrateError<E> {
-    /// The step size fell below what the time can resolve.
-    StepUnderflow {
-        /// Time.
-        t: f64,
-        /// Step size.
-        h: f64,
-        /// What made the last trial fail, if not the error estimate.
-        cause: Option<StageError<E>>,
-    },
-    /// The derivative at the very start (or after a break) failed.
-    Start {
-        /// Time.
-        t: f64,
-        /// What failed.
-        cause: StageError<E>,
-    },
-    /// Events follow each other without time between them.
-    Endless {
-        /// Time.
-        t: f64,
-        /// How many there were.
-        events: usize,
-    },
-}
-
-impl NotFinite {
-    /// In words, with the joint's name.
-    pub fn describe(&self, model: &Model) -> String {
-        let joint = |i: usize| {
-            let (k, component) = model.joint_of_velocity(i);
-            format!("joint `{}`, degree of freedom {component}", model.joints()[k].name)
-        };
-        match self {
-            NotFinite::Acceleration(i) => format!("acceleration of {}", joint(*i)),
-            NotFinite::Velocity(i) => format!("velocity of {}", joint(*i)),
-            NotFinite::Auxiliary(i) => format!("rate of auxiliary quantity {i}"),
-        }
-    }
-}
-
-impl<E: fmt::Display> IntegrateError<E> {
-    /// In words, with names from the model.
-    pub fn describe(&self, model: &Model) -> String {
-        let cause = |c: &StageError<E>| match c {
-            StageError::System(e) => e.to_string(),
-            StageError::NotFinite(what) => format!("{} is not finite", what.describe(model)),
-        };
-        match self {
-            IntegrateError::StepUnderflow { t, h, cause: Some(c) } => {
-                format!("at t = {t} no step of size {h:e} or more succeeds: {}", cause(c))
-            }
-            IntegrateError::StepUnderflow { t, h, cause: None } => {
-                let resolved = 4.0 * f64::EPSILON * t.abs();
-                // Where a microsecond is not resolved, the clock is what is wrong, and not the forces.
-                let remedy = match resolved > 1e-6 {
-                    true => "count time from a zero that is nearer",
-                    false => "loosen rtol, or look for a force that is not smooth there",
-                };
-                format!(
-                    "at t = {t} the step size fell to {h:e} without meeting the tolerance, and time resolves {resolved:.0e} \
-                     there; {remedy}"
-                )
-            }
-            IntegrateError::Start { t, cause: c } => format!("at t = {t}: {}", cause(c)),
-            IntegrateError::Endless { t, events } => format!(
-                "at t = {t} {events} events follow each other without time between them; look for an event whose change \
-                 brings about another one, or for joints whose stops and friction contradict each other"
-            ),
-        }
-    }
-}
 
 /// An accepted step.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -225,7 +225,7 @@ fn every_form_gives_the_same_accelerations() {
     let n = dynamics.auxiliary_len();
     let mut results = Vec::new();
     for form in [Form::Plain, Form::Refined, Form::SquareRoot, Form::DoubleDouble] {
-        dynamics.set_form(form);
+        dynamics.set_form(form).unwrap();
         assert_eq!((dynamics.form(), dynamics.plan().form), (form, form));
         assert!(dynamics.form_choice().is_none());
         let (mut a, mut rates) = (vec![0.0; model.nv()], vec![0.0; n]);

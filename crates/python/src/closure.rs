@@ -5,7 +5,7 @@ use crate::closure_motion::Instant;
 use crate::dynamics::{ForwardInfo, forward_judgement};
 use crate::errors::{Failure, argument_error, choice_error, dynamics_error, exception, violations_error};
 use crate::model::{Compiled, Model, Names};
-use phipsi::closure::{ClosedDynamics, ClosureError, Conditions, PositionProjection, Solved};
+use phipsi::closure::{ClosedDynamics, ClosedForm, ClosureError, Conditions, PositionProjection, Solved};
 use phipsi::model::{Closure, ClosureKind, Placement};
 use phipsi::motion::MotionError;
 use phipsi::recursion::{Form, forward_info};
@@ -119,20 +119,21 @@ impl Model {
         py: Python<'py>,
         compiled: &Compiled,
         arguments: [&Bound<'py, PyAny>; 3],
-        wrenches: Option<&Bound<'py, PyAny>>,
-        closure_motion: Option<&Bound<'py, PyDict>>,
+        (wrenches, closure_motion): (Option<&Bound<'py, PyAny>>, Option<&Bound<'py, PyDict>>),
+        form: Form,
         info: bool,
     ) -> PyResult<Bound<'py, PyAny>> {
         let [q, v, tau] = arguments;
         let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
         let (mut tau, mut wrenches) = (compiled.v(tau, "tau")?, compiled.wrenches(wrenches)?);
         let batch = Batch::of(py, [&mut q, &mut v, &mut tau].into_iter().chain(&mut wrenches.arguments))?;
-        let template = compiled.closed(py)?;
+        let (template, name) = compiled.closed_in(py, form)?;
+        let template = &*template;
         let instant = Instant::read(template, closure_motion)?;
         let motion = instant.motion();
         let nv = compiled.model.nv();
         // Accelerations, then what the info holds.
-        const MORE: usize = 9;
+        const MORE: usize = 10;
         // Of the first state: redundant rows, and the one that contradicts the others most.
         let redundant = std::sync::Mutex::new((Vec::new(), None));
         let out = batch.each(
@@ -167,6 +168,7 @@ impl Model {
                     found.error_estimate,
                     found.rank as f64,
                     f64::from(found.near_singular),
+                    f64::from(found.form == ClosedForm::Mixed),
                 ]);
                 if let Some(worst) = judged.worst_hinge
                     && let Ok(k) = compiled.model.find_joint(&worst.joint)
@@ -188,6 +190,8 @@ impl Model {
         let column = |j: usize| batch.array(py, states().map(|s| s[nv + j]).collect(), &[]);
         let (redundant, inconsistency) =
             redundant.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+        // A state that squares did not serve was solved in the mixed form.
+        let form = if states().any(|s| s[nv + 9] != 0.0) { ClosedForm::Mixed.name() } else { name };
         let name = |closure: usize, row: usize| {
             format!("closure `{}`: {}", template.closure(closure).0, template.direction(closure, row))
         };
@@ -203,7 +207,7 @@ impl Model {
             inconsistency: inconsistency
                 .filter(|_| single)
                 .map(|i| format!("{}, by {:.1e} of its terms", name(i.closure, i.row), i.size)),
-            ..forward_judgement(py, compiled, &batch, &judged, Form::Plain)?
+            ..forward_judgement(py, compiled, &batch, &judged, form)?
         };
         (accelerations, Py::new(py, found)?).into_bound_py_any(py)
     }
@@ -221,7 +225,8 @@ impl Model {
         let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
         let mut tau = compiled.v(tau, "tau")?;
         let batch = Batch::of(py, [&mut q, &mut v, &mut tau])?;
-        let template = compiled.closed(py)?;
+        let (template, _) = compiled.closed_in(py, Form::Auto)?;
+        let template = &*template;
         let instant = Instant::read(template, closure_motion)?;
         let nv = compiled.model.nv();
         let out = batch.each(

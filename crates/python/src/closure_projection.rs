@@ -6,6 +6,7 @@ use crate::closure_motion::Instant;
 use crate::errors::{name_error, violations_error};
 use crate::model::{Compiled, Model, Names};
 use phipsi::closure::{ClosedDynamics, Conditions, Prescribed, Projection, choose_tree};
+use phipsi::recursion::Form;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::{Mutex, PoisonError};
@@ -147,7 +148,8 @@ impl Model {
         (active, given): (&[bool], &[f64]),
         wrenches: &crate::model::Wrenches,
     ) -> PyResult<Vec<f64>> {
-        let template = compiled.closed(py)?;
+        let (template, _) = compiled.closed_in(py, Form::Auto)?;
+        let template = &*template;
         let nv = compiled.model.nv();
         let [q, v] = state;
         let out = batch.each(

@@ -38,7 +38,7 @@ impl WorstHinge {
 ///
 /// ``backward_error``: |τ − inverse dynamics of the result| over the sum of |terms|, largest component; a float, or an
 /// array of the batch axes. ``worst_hinge``: a WorstHinge, of the whole batch; None if nothing moves. ``form``: the form
-/// that ran.
+/// that ran; of loops "mixed", "square_root" or, if all states of the batch were solved so, "plain".
 ///
 /// Of models with loops, else None: ``closure_residual``, ``velocity_residual``: how far the state is off the closures,
 /// largest of m and rad, m/s and rad/s. ``smallest_pivot``: the weakest closed direction over the scale of its loop;
@@ -98,7 +98,9 @@ impl Model {
     /// closure_motion : {name: (3, rows)}, positions γ, velocities γ̇ and accelerations γ̈ that closures are given at this instant,
     ///     in the order of their rows; others rest.
     ///
-    /// Models with closures or couplings move with their loops closed (``close_loop``); form is "auto" or "plain" then.
+    /// Models with closures or couplings move with their loops closed (``close_loop``). "auto" is the mixed form then, or, where heavy
+    /// bodies hang on light ones, "square_root"; "plain" squares the rows of the loops, and solves states in the mixed form where squares
+    /// do not tell the rank; the other two are for trees.
     ///
     /// Returns
     /// -------
@@ -136,15 +138,8 @@ impl Model {
         };
         let compiled = self.compiled();
         if compiled.has_loops() || closure_motion.is_some() {
-            if !matches!(form, Form::Auto | Form::Plain) {
-                return Err(choice_error(
-                    py,
-                    "form",
-                    form.name(),
-                    &[Form::Auto, Form::Plain].map(Form::name),
-                ));
-            }
-            return self.closed_forward_dynamics(py, &compiled, [q, v, tau], wrenches, closure_motion, info);
+            let loads = (wrenches, closure_motion);
+            return self.closed_forward_dynamics(py, &compiled, [q, v, tau], loads, form, info);
         }
         let layout = &compiled.layout;
         let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
@@ -194,7 +189,7 @@ impl Model {
             judged.map_err(|e| compiled.failure(py, &batch, e, Names::Other("a measure of the result")))?;
         let result = (
             batch.array(py, accelerations, &[nv])?,
-            Py::new(py, forward_judgement(py, &compiled, &batch, &judged, form)?)?,
+            Py::new(py, forward_judgement(py, &compiled, &batch, &judged, form.name())?)?,
         );
         result.into_bound_py_any(py)
     }
@@ -457,7 +452,7 @@ pub fn forward_judgement(
     compiled: &Compiled,
     batch: &Batch,
     judged: &[f64],
-    form: Form,
+    form: &'static str,
 ) -> PyResult<ForwardInfo> {
     let errors = judged.chunks(3).map(|x| x[0]).collect();
     let worst = judged.chunks(3).enumerate().filter(|(_, x)| x[1] >= 0.0);
@@ -468,7 +463,7 @@ pub fn forward_judgement(
     Ok(ForwardInfo {
         backward_error: batch.array(py, errors, &[])?.unbind(),
         worst_hinge: worst.transpose()?,
-        form: form.name(),
+        form,
         closure_residual: None,
         velocity_residual: None,
         smallest_pivot: None,

@@ -6,7 +6,7 @@ use crate::errors::{
     potential_error,
 };
 use crate::report::Report;
-use phipsi::closure::{ClosedDynamics, ClosureError};
+use phipsi::closure::{ClosedDynamics, ClosedFormChoice, ClosureError};
 use phipsi::formats::urdf::{Mimic, UrdfOptions, read_urdf, read_urdf_file};
 use phipsi::formats::{Loaded, Problem};
 use phipsi::model::{Base, JointKind};
@@ -16,6 +16,7 @@ use phipsi::spatial::{Vec3, Wrench};
 use pyo3::exceptions::PyRuntimeWarning;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
+use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock, PoisonError, RwLock};
 
@@ -29,8 +30,9 @@ pub struct Compiled {
     weightless: OnceLock<Layout<f64>>,
     /// The dynamics of its loops, to be cloned; made when it is first asked for.
     closed: OnceLock<Result<ClosedDynamics<f64>, ClosureError>>,
-    /// The form of forward dynamics that the model needs, measured when it is first asked for.
+    /// The form of forward dynamics that the model needs, measured when it is first asked for, and that of its loops.
     form: OnceLock<FormChoice>,
+    closed_form: OnceLock<Result<ClosedFormChoice, ClosureError>>,
 }
 
 /// A mechanism: bodies, joints and their names.
@@ -248,6 +250,7 @@ impl Model {
             weightless: OnceLock::new(),
             closed: OnceLock::new(),
             form: OnceLock::new(),
+            closed_form: OnceLock::new(),
         });
         Ok(())
     }
@@ -391,7 +394,8 @@ impl Compiled {
     /// Compiles a model.
     pub fn of(model: phipsi::model::Model) -> Self {
         let (layout, weightless) = (Layout::new(&model), OnceLock::new());
-        Compiled { layout, model, weightless, closed: OnceLock::new(), form: OnceLock::new() }
+        let (closed, form, closed_form) = (OnceLock::new(), OnceLock::new(), OnceLock::new());
+        Compiled { layout, model, weightless, closed, form, closed_form }
     }
     /// True if the model has closures or couplings.
     pub fn has_loops(&self) -> bool {
@@ -404,6 +408,44 @@ impl Compiled {
     pub fn closed(&self, py: Python<'_>) -> PyResult<&ClosedDynamics<f64>> {
         let closed = self.closed.get_or_init(|| ClosedDynamics::new(&self.model));
         closed.as_ref().map_err(|e| crate::closure::closure_error(py, e, None))
+    }
+    /// The same in the form that runs when `form` is asked for, with its name; warns, once, where none is good enough for the model.
+    ///
+    /// # Errors
+    /// `ArgumentError` for a form that loops do not have; as [`Compiled::closed`]; a warning that Python turns into an error.
+    pub fn closed_in(
+        &self,
+        py: Python<'_>,
+        form: Form,
+    ) -> PyResult<(Cow<'_, ClosedDynamics<f64>>, &'static str)> {
+        let failed = |e: &ClosureError| match e {
+            ClosureError::Form { found } => {
+                let allowed = [Form::Auto, Form::Plain, Form::SquareRoot].map(Form::name);
+                crate::errors::choice_error(py, "form", found.name(), &allowed)
+            }
+            e => crate::closure::closure_error(py, e, None),
+        };
+        let measure = || ClosedFormChoice::new(&self.model, form);
+        let choice = match (form, self.closed_form.get()) {
+            (Form::Auto, Some(known)) => known.clone(),
+            (Form::Auto, None) => {
+                let measured = py.detach(|| self.closed_form.get_or_init(measure).clone());
+                if let Some(choice) = measured.as_ref().ok().filter(|choice| !choice.is_sufficient()) {
+                    let text =
+                        std::ffi::CString::new(format!("forward dynamics: {choice}")).unwrap_or_default();
+                    PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 1)?;
+                }
+                measured
+            }
+            _ => measure(),
+        };
+        let choice = choice.map_err(|e| failed(&e))?;
+        let closed = self.closed(py)?;
+        if choice.form == closed.form() {
+            return Ok((Cow::Borrowed(closed), choice.name()));
+        }
+        let closed = closed.clone().with_form(choice.form).map_err(|e| failed(&e))?;
+        Ok((Cow::Owned(closed), choice.name()))
     }
     /// The layout without gravity.
     pub fn weightless(&self) -> &Layout<f64> {

@@ -96,7 +96,7 @@ impl Observer for Watcher {
 /// max_step : s, the largest step of the adaptive methods.
 /// every : s, the interval of the returned samples; a 200th of the run by default.
 /// estimate : False leaves out the estimate of the error at the end, which costs up to as much as the run; where forces and motions
-///     call no Python, it is made beside the run on a second processor.
+///     call no Python, it is made beside the run on a second processor, if other runs leave one free.
 ///
 /// Returns
 /// -------

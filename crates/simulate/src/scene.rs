@@ -68,7 +68,7 @@ use crate::simulation::{Choice, Simulation};
 use phipsi_formats::{Note, Problem, Report};
 use phipsi_model::State;
 use phipsi_motion::{MotionError, Prescription, Scheme};
-use phipsi_recursion::singular_hinges;
+use phipsi_recursion::{DynamicsError, singular_hinges};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tree::Table;
@@ -298,17 +298,21 @@ fn read(
         Scheme::Midpoint { .. } => simulation.dynamics.leave_out_integrals(),
         Scheme::Explicit(_) => {}
     }
-    if is_constrained && settings.form != Default::default() {
-        let found = format!("form = \"{}\" with closures or prescribed motions", settings.form.name());
-        let required = "their own form, the mixed one";
-        report.errors.push(Problem::new(None, "integrator", found, required, "remove `form`"));
+    if let Err(e) = simulation.dynamics.set_form(settings.form) {
+        let (of, required, remedy) = match e {
+            MotionError::Dynamics(DynamicsError::Flexible { .. }) => {
+                (" of flexible bodies", "the mixed form", "remove `form`")
+            }
+            _ => ("", "\"auto\", \"plain\" or \"square_root\"", "use one of these"),
+        };
+        let found = format!("form = \"{}\" with closures or prescribed motions{of}", settings.form.name());
+        report.errors.push(Problem::new(None, "integrator", found, required, remedy));
     }
     if report.errors.is_empty() && is_constrained {
         start::settle(&mut simulation, &start, report);
     }
     simulation.tolerances = settings.tolerances;
     simulation.estimate = settings.estimate;
-    simulation.dynamics.set_form(settings.form);
     if let Some(warning) = simulation.form_warning() {
         report.warnings.push(warning);
     }

@@ -129,8 +129,8 @@ pub struct Simulation {
     pub t_end: f64,
     /// Whether the error at the end is estimated.
     pub estimate: bool,
-    /// Largest number of threads, `None`: as many as there are processors. On more than one the error is estimated beside the run where
-    /// its forces allow it ([`Force::another`]). Results do not depend on it.
+    /// Largest number of threads, `None`: as many as there are processors that other runs of this process and their estimates leave free. On
+    /// more than one the error is estimated beside the run where its forces allow it ([`Force::another`]). Results do not depend on it.
     pub threads: Option<usize>,
     /// Interval of the recorded samples.
     pub every: f64,
@@ -247,8 +247,8 @@ impl Simulation {
         if let Scheme::Midpoint { .. } = self.choice.method {
             return None;
         }
-        if self.dynamics.is_constrained() {
-            return Some(("mixed", "the form of closed loops and prescribed motions".into()));
+        if let Some(choice) = self.dynamics.closed_form_choice() {
+            return Some((choice.name(), choice.why()));
         }
         let why = self.dynamics.form_choice().map_or("asked for".into(), |choice| choice.why());
         Some((self.dynamics.form().name(), why))
@@ -256,10 +256,16 @@ impl Simulation {
     /// Where no form of forward dynamics is accurate enough.
     pub(crate) fn form_warning(&self) -> Option<Problem> {
         self.form()?;
-        let choice = self.dynamics.form_choice().filter(|choice| !choice.is_sufficient())?;
-        let found =
-            format!("forward dynamics errs by {:.0e} in its best form, {}", choice.error, choice.form);
-        let required = format!("an error up to {:.0e}", choice.limit);
+        let (error, limit, form) = match (self.dynamics.form_choice(), self.dynamics.closed_form_choice()) {
+            (Some(choice), _) if !choice.is_sufficient() => (choice.error, choice.limit, choice.form.name()),
+            (_, Some(choice)) if !choice.is_sufficient() => {
+                let tree = choice.tree?;
+                (tree.plain_error, tree.limit, choice.name())
+            }
+            _ => return None,
+        };
+        let found = format!("forward dynamics errs by {error:.0e} in its best form, {form}");
+        let required = format!("an error up to {limit:.0e}");
         let remedy = "expect as few digits, or bring masses and lengths closer together";
         Some(Problem::new(None, "model", found, required, remedy))
     }

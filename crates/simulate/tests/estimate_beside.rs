@@ -10,6 +10,7 @@ use phipsi_simulate::{
 };
 use std::cell::Cell;
 use std::path::Path;
+use std::sync::Barrier;
 use std::time::Duration;
 
 /// True where a second thread has a processor.
@@ -254,6 +255,59 @@ fn resumed_runs_have_the_estimate_of_whole_ones() {
             let [rest, whole] = [&rest, &whole].map(|s| bits(s.error_estimate.as_ref().unwrap()));
             assert_eq!(rest, whole, "{name} after {after}");
         }
+    }
+}
+
+/// Waits at its first row until all runs have begun, and in its first step until all have or have not begun their companions.
+struct Together<'a> {
+    recording: Recording,
+    begun: &'a Barrier,
+}
+
+impl Observer for Together<'_> {
+    fn row(&mut self, row: &Row) -> Result<(), SimulateError> {
+        if self.recording.rows.is_empty() {
+            self.begun.wait();
+        }
+        self.recording.row(row)
+    }
+    fn step(&mut self, step: &StepRecord, progress: &Progress<'_>) -> Result<(), SimulateError> {
+        if self.recording.steps.is_empty() {
+            self.begun.wait();
+        }
+        self.recording.step(step, progress)
+    }
+    fn step_ends(&mut self) -> Result<Vec<f64>, SimulateError> {
+        self.recording.step_ends()
+    }
+    fn spread_rows(&mut self, most: usize) -> Result<Vec<State>, SimulateError> {
+        self.recording.spread_rows(most)
+    }
+}
+
+/// As many runs at once as there are processors: no companion has one of its own, and the estimates are those of one run alone.
+#[test]
+fn runs_that_keep_all_processors_busy_have_no_companions_beside_them() {
+    let make = || example("benchmarks/double_pendulum.toml", &["t_end=4", "rtol=1e-10", "atol=1e-10"]);
+    let alone = on(&make, 1);
+    let many = std::thread::available_parallelism().map_or(1, |n| n.get());
+    let begun = Barrier::new(many);
+    let summaries: Vec<Summary> = std::thread::scope(|scope| {
+        let runs: Vec<_> = (0..many)
+            .map(|_| {
+                scope.spawn(|| {
+                    let mut watcher = Together { recording: Recording::default(), begun: &begun };
+                    run(&mut make(), &mut watcher).unwrap()
+                })
+            })
+            .collect();
+        runs.into_iter().map(|run| run.join().unwrap()).collect()
+    });
+    for summary in &summaries {
+        assert!(!summary.estimated_beside);
+        assert_eq!((&summary.q, &summary.v), (&alone.q, &alone.v));
+        let [one, other] = [summary, &alone].map(|s| bits(s.error_estimate.as_ref().unwrap()));
+        assert_eq!(one, other);
     }
 }
 

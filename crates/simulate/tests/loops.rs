@@ -2,10 +2,13 @@
 //!
 //! `PHIPSI_STEPS=1000000 cargo test --release -p phipsi-simulate --test all loops::a_long_run -- --nocapture` makes the long runs.
 
+use phipsi_closure::{ClosedDynamics, Conditions};
+use phipsi_motion::System;
 use phipsi_simulate::scene::{self, Scene};
 use phipsi_simulate::{
     Observer, Progress, Recording, Row, RunState, SimulateError, StepRecord, Summary, resume, run,
 };
+use phipsi_spatial::Dd;
 use std::path::{Path, PathBuf};
 
 fn examples() -> PathBuf {
@@ -318,6 +321,67 @@ fn a_resumed_run_has_the_same_bits() {
     assert_eq!(stopper.recording.rows, recording.rows);
 }
 
+/// Eight links of 1 m in a plane, all but the fifth of 1 kg; the tip is pinned to the ground.
+fn pinned_chain(heavy: f64, integrator: &str) -> String {
+    let mut text = String::from("[model]\ngravity = [0, 0, -9.81]\n");
+    let mut parent = "world".to_string();
+    for k in 0..8 {
+        let mass = if k == 4 { heavy } else { 1.0 };
+        let x = if k == 0 { 0 } else { 1 };
+        text += &format!(
+            "[[body]]\nname = \"b{k}\"\ninertial = {{ mass = {mass}, origin = {{ xyz = [0.5, 0, 0] }}, \
+             inertia = {{ ixx = {}, iyy = {moment}, izz = {moment} }} }}\n\
+             [[joint]]\nname = \"j{k}\"\ntype = \"continuous\"\nparent = \"{parent}\"\nchild = \"b{k}\"\n\
+             axis = [0, 1, 0]\norigin = {{ xyz = [{x}, 0, 0] }}\n",
+            0.01 * mass,
+            moment = mass / 12.0
+        );
+        parent = format!("b{k}");
+    }
+    text + "[[closure]]\nname = \"pin\"\nkind = \"spherical\"\nbody_a = \"world\"\npose_a = { xyz = [5, 0, 0] }\nbody_b = \"b7\"\n\
+            pose_b = { xyz = [1, 0, 0] }\n[initial]\nassemble = true\nq.j0 = -0.9\nq.j1 = 0.4\nq.j2 = 0.5\nq.j3 = 0.3\nq.j4 = 0.4\n\
+            q.j5 = -0.6\nq.j6 = 0.8\nv.j0 = 0.5\nv.j2 = -0.4\nv.j6 = 0.7\n[integrator]\n"
+        + integrator
+}
+
+/// A body a hundred million times heavier than the links that it hangs on: `auto` takes the square-root form, says so, and accelerations
+/// are those of double-double numbers (which the dense solution judges in `closure`); other forms run when they are asked for.
+#[test]
+fn a_heavy_body_on_a_light_loop_gets_the_square_root_form() {
+    let largest = |x: &[f64]| x.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+    let error = |text: &str| {
+        let mut scene = parse(text).unwrap();
+        let form = scene.simulation.form().unwrap();
+        let (q, v) = (scene.simulation.start.q.clone(), scene.simulation.start.v.clone());
+        let mut a = [0.0; 8];
+        System::derivative(&mut scene.simulation.dynamics, 0.0, &q, &v, &[], &mut a, &mut []).unwrap();
+        let wide = |x: &[f64]| x.iter().map(|x| Dd::from_f64(*x)).collect::<Vec<Dd>>();
+        let mut exact = wide(&a);
+        let mut judge = ClosedDynamics::<Dd>::new(scene.simulation.model()).unwrap();
+        let tau = wide(&[0.0; 8]);
+        judge.run(&wide(&q), &wide(&v), &tau, &Conditions::default(), &mut exact).unwrap();
+        let exact: Vec<f64> = exact.iter().map(|x| x.hi).collect();
+        let off: Vec<f64> = a.iter().zip(&exact).map(|(a, b)| a - b).collect();
+        (form, largest(&off) / largest(&exact))
+    };
+    for (mass, name) in [(1.0, "mixed"), (1e8, "square_root")] {
+        let text = pinned_chain(mass, "t_end = 0.2\n");
+        let ((found, why), off) = error(&text);
+        println!("{found} ({why}): {off:.1e}");
+        assert_eq!(found, name, "{why}");
+        assert!(why.contains("plain recursion"), "{why}");
+        // Eight bodies and freedoms, three rows; the root of the mass ratio, twice (soa.md 2.2); κ of such chains is below 10.
+        assert!(off <= 19.0 * f64::EPSILON * 2.0 * mass.sqrt() * 10.0, "{name}: {off:e}");
+        assert!(run_text(&text).0.energy_error < 1e-7);
+    }
+    for asked in ["plain", "square_root"] {
+        let ((name, why), off) = error(&pinned_chain(1.0, &format!("t_end = 0.2\nform = \"{asked}\"\n")));
+        assert!(name == asked && why.contains("asked for"), "{name}: {why}");
+        // Squares lose 1/σ more, and σ is above 1e-4 where they are used.
+        assert!(off <= 19.0 * f64::EPSILON * 10.0 * 1e4, "{name}: {off:e}");
+    }
+}
+
 /// The midpoint method keeps the loop closed and the energy to second order, and continues to the last bit.
 #[test]
 fn the_midpoint_method_closes_loops() {
@@ -353,7 +417,11 @@ fn starts_and_motions_that_do_not_fit_are_refused() {
     assert!(
         errors(&four_bar("", "t_end = 1\nmethod = \"midpoint\"\nstep = 0.01", driven)).contains("dop853")
     );
-    assert!(errors(&four_bar("", "t_end = 1\nform = \"refined\"", "")).contains("mixed"));
+    let refined = errors(&four_bar("", "t_end = 1\nform = \"refined\"", ""));
+    assert!(
+        refined.contains("\"refined\" with closures") && refined.contains("\"square_root\""),
+        "{refined}"
+    );
     assert!(with("[[motion]]\njoint = \"aa\"\nposition = 0").contains("moving joint"));
     assert!(with("[[motion]]\njoint = \"a\"").contains("no function of time"));
     assert!(with("[[motion]]\njoint = \"a\"\nposition = 0\nvelocity = 0").contains("position and velocity"));

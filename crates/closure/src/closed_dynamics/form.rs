@@ -5,6 +5,7 @@ use super::square_root::SquareRoot;
 use crate::error::ClosureError;
 use crate::factors::{Doubt, Plain, Regard};
 use phipsi_spatial::Real;
+use std::fmt;
 
 /// Forms of the elimination of loops.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -19,6 +20,24 @@ pub enum ClosedForm {
     Plain,
     /// Bodies as rows of a sum of squares, by QR, and loops as in the mixed form: for heavy bodies on light ones.
     SquareRoot,
+}
+
+impl ClosedForm {
+    /// Its name in results.
+    pub fn name(self) -> &'static str {
+        match self {
+            ClosedForm::Auto => "auto",
+            ClosedForm::Mixed => "mixed",
+            ClosedForm::Plain => "plain",
+            ClosedForm::SquareRoot => "square_root",
+        }
+    }
+}
+
+impl fmt::Display for ClosedForm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
 }
 
 impl<T: Real> ClosedDynamics<T> {

@@ -69,6 +69,7 @@ impl Dynamics {
                 dynamics.holder = Some(Box::new(ready(Constraints::general(model, prescription)?)?));
             }
         }
+        dynamics.spread_form()?;
         Ok(dynamics)
     }
     /// The same with further events.

@@ -3,13 +3,14 @@
 //! It begins with the run, follows it through a [`Trail`], and is thrown away where the run did not end as planned (an event ended it): then
 //! the estimate is made after the run. What it says does not depend on when it runs.
 
+use super::cores::{Busy, CORES, processors};
 use super::estimate::{Estimated, JUDGED_SAMPLES, Watched, in_words};
 use crate::record::{Observer, spread};
 use crate::simulation::Simulation;
 use phipsi_model::{Model, State};
 use phipsi_motion::{ErrorEstimate, Method, Occurrence, PlannedRun, Trail, estimate_error_beside};
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::sync::{Arc, OnceLock};
 use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -23,6 +24,7 @@ const PATIENCE: Duration = Duration::from_millis(20);
 pub(super) struct Companion {
     trail: Arc<Trail>,
     thread: Option<JoinHandle<()>>,
+    _busy: Busy<'static>,
     result: Receiver<Estimated>,
     /// Where the run should end, and the times of the samples that it should record.
     end: f64,
@@ -35,8 +37,11 @@ pub(super) struct Companion {
 }
 
 impl Companion {
-    /// Begins, with the steps and events of a run that is resumed; `None` where it cannot: on one processor, or with a force that has
-    /// no second one.
+    /// Begins, with the steps and events of a run that is resumed; `None` where it cannot: where no processor is free, or with a force
+    /// that has no second one.
+    ///
+    /// Runs and companions of this process are counted, the run itself included: many runs at once keep all processors busy by
+    /// themselves. Where a number of threads is asked for, that is what counts.
     pub(super) fn begin(
         simulation: &Simulation,
         method: Method,
@@ -44,9 +49,11 @@ impl Companion {
         steps: &[f64],
         events: &[Occurrence],
     ) -> Option<Self> {
-        if simulation.threads.unwrap_or_else(processors).min(processors()) < 2 {
-            return None;
-        }
+        let busy = match simulation.threads {
+            Some(threads) if threads.min(processors()) < 2 => return None,
+            Some(_) => CORES.occupy(),
+            None => CORES.occupy_free(processors())?,
+        };
         let mut dynamics = simulation.dynamics.another()?;
         dynamics.pass_over_stops(true);
         let count = usize::try_from(simulation.samples()).ok()?;
@@ -69,6 +76,7 @@ impl Companion {
         Some(Companion {
             trail,
             thread: Some(thread),
+            _busy: busy,
             result,
             end,
             instants,
@@ -132,10 +140,4 @@ impl Drop for Companion {
             let _ = thread.join();
         }
     }
-}
-
-/// Processors that this process may use; the system is asked once, it looks the answer up in files.
-fn processors() -> usize {
-    static PROCESSORS: OnceLock<usize> = OnceLock::new();
-    *PROCESSORS.get_or_init(|| std::thread::available_parallelism().map_or(1, |n| n.get()))
 }
