@@ -500,30 +500,3 @@ def test_inner_steps(s, ensemble):
     with pytest.raises(phipsi.ArgumentError) as caught:
         TorsionModel(s, forces=lambda x: (0.0, np.zeros_like(x))).run(1, dt_fs=1, inner_steps=2)
     assert caught.value.argument == "inner_steps"
-
-
-def test_a_scene_freezes_and_thaws(tmp_path):
-    scene = tmp_path / "scene.toml"
-    pdb, xml = (str(path) for path in MOLECULE)
-    scene.write_text(
-        f"""[molecule]
-pdb = {json.dumps(pdb)}
-system = {json.dumps(xml)}
-temperature_K = 300
-seed = 1
-[[molecule.recluster]]
-time_ps = 0.1
-freeze = ["omega", "methyl"]
-[integrator]
-t_end = 0.2
-step_fs = 4
-inner_steps = 2
-[record]
-every = 0.02
-"""
-    )
-    trajectory = phipsi.simulate(str(scene))
-    assert trajectory.q.shape[0] == 11 and trajectory.v.shape[1] == 13
-    # Five hinges rest after the change: those of two amide bonds and three methyl groups.
-    resting = np.abs(trajectory.v[6:]).max(axis=0) < 1e-8
-    assert resting.sum() == 5 and not (np.abs(trajectory.v[:6]).max(axis=0) < 1e-8).any()
