@@ -500,3 +500,60 @@ def test_inner_steps(s, ensemble):
     with pytest.raises(phipsi.ArgumentError) as caught:
         TorsionModel(s, forces=lambda x: (0.0, np.zeros_like(x))).run(1, dt_fs=1, inner_steps=2)
     assert caught.value.argument == "inner_steps"
+
+
+def test_a_scene_freezes_and_thaws(tmp_path):
+    scene = tmp_path / "scene.toml"
+    pdb, xml = (str(path) for path in MOLECULE)
+    scene.write_text(
+        f"""[molecule]
+pdb = {json.dumps(pdb)}
+system = {json.dumps(xml)}
+temperature_K = 300
+seed = 1
+[[molecule.recluster]]
+time_ps = 0.1
+freeze = ["omega", "methyl"]
+[integrator]
+t_end = 0.2
+step_fs = 4
+inner_steps = 2
+[record]
+every = 0.02
+"""
+    )
+    with pytest.raises(phipsi.ArgumentError, match="midpoint"):
+        phipsi.simulate(str(scene), method="dop853")
+    trajectory = phipsi.simulate(str(scene))
+    assert trajectory.q.shape[0] == 11 and trajectory.v.shape[1] == 13
+    # Five hinges rest after the change: those of two amide bonds and three methyl groups.
+    resting = np.abs(trajectory.v[6:]).max(axis=0) < 1e-8
+    assert resting.sum() == 5 and not (np.abs(trajectory.v[:6]).max(axis=0) < 1e-8).any()
+
+
+def test_the_bath_of_a_scene_acts(tmp_path):
+    """A scene keeps its midpoint method, without which the bath would do nothing."""
+    pdb, xml = (json.dumps(str(path)) for path in MOLECULE)
+    runs = {}
+    for ensemble in ("nve", "langevin"):
+        scene = tmp_path / f"{ensemble}.toml"
+        scene.write_text(
+            f"""[molecule]
+pdb = {pdb}
+system = {xml}
+temperature_K = 300
+seed = 1
+[integrator]
+t_end = 0.2
+step_fs = 4
+ensemble = "{ensemble}"
+[record]
+every = 0.02
+"""
+        )
+        runs[ensemble] = phipsi.simulate(str(scene))
+    assert all("midpoint" in run.method for run in runs.values())
+    first = [run.energy[0] for run in runs.values()]
+    assert first[0] == first[1]
+    # The bath exchanges energies of the size of kT; constant energy has the noise of the method, 0.02 kJ/mol.
+    assert np.abs(runs["nve"].energy - first[0]).max() < 0.1 < np.abs(runs["langevin"].energy - first[0]).max()

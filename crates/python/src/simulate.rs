@@ -8,8 +8,9 @@ use crate::model::Model;
 use crate::report::{Problem, Report};
 use crate::trajectory::Trajectory;
 use phipsi::model::State;
+use phipsi::molecule::Ensemble;
 use phipsi::motion::forces::Control;
-use phipsi::motion::{Force, Method};
+use phipsi::motion::{Force, Method, Scheme};
 use phipsi_simulate::LimitPassed;
 use phipsi_simulate::{
     Choice, JointBehavior, Observer, Progress, Recording, Row, SimulateError, Simulation, StepRecord, run,
@@ -92,7 +93,7 @@ impl Observer for Watcher {
 ///     and accelerations of all rows, smooth, and each the rate of the one before. Its work is in ``Trajectory.work``. Only with
 ///     a model.
 /// rtol, atol : error control of the adaptive methods; atol defaults to rtol, both to 1e-9.
-/// method : "auto", "dop853", "tsit5" (adaptive) or "rk4" with ``step``, s.
+/// method : "auto", "dop853", "tsit5" (adaptive) or "rk4" with ``step``, s; None: a scene's own, otherwise "auto".
 /// max_step : s, the largest step of the adaptive methods.
 /// every : s, the interval of the returned samples; a 200th of the run by default.
 /// estimate : False leaves out the estimate of the error at the end, which costs up to as much as the run; where forces and motions
@@ -306,9 +307,20 @@ fn set_method(
         let required = "a step with method = \"rk4\" only".into();
         return Err(argument_error(py, "step", found.into(), required, message, None));
     }
+    let own = simulation.choice.method;
+    if let (Some(method), Some(molecule)) = (method, &simulation.molecule) {
+        let bath = molecule.ensemble != Ensemble::ConstantEnergy;
+        if bath || molecule.schedule.is_some() || molecule.inner_steps > 1 {
+            let message =
+                "`method` is given, but what this scene's molecule asks for needs its midpoint method";
+            let required = "None with a bath, with inner_steps and with changes of clusters".into();
+            return Err(argument_error(py, "method", method.into(), required, message, None));
+        }
+    }
+    // "auto" of explicit methods depends on the tolerances; what a scene asks for or needs stays where nothing is said.
+    let follows_tolerances = matches!(own, Scheme::Explicit(Method::Dop853 | Method::Tsit5));
     simulation.choice = match (method, step) {
-        // A scene keeps its own method where nothing is said; "auto" depends on the tolerances.
-        (None, _) if simulation.choice == Choice::asked(simulation.choice.method) => return Ok(()),
+        (None, _) if !follows_tolerances || simulation.choice == Choice::asked(own) => return Ok(()),
         (None | Some("auto"), _) => {
             Choice::automatic(simulation.tolerances, simulation.dynamics.breaks().len())
         }
