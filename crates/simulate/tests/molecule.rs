@@ -134,7 +134,9 @@ fn clusters_of_all_kinds() {
     let angles = dof("clusters = \"torsion+angle\"");
     assert!((18..=20).contains(&angles), "{angles}");
     assert_eq!(dof("angles = [[4, 6, 8]]"), 14);
-    assert_eq!(dof("free = [0]"), 16);
+    // A hydrogen of a methyl group; its carbon, with which the hydrogens lose what held them, and a hinge its body.
+    assert_eq!(dof("free = [1]"), 13 + 3);
+    assert_eq!(dof("free = [0]"), 13 + 4 * 3 - 1);
     // There is none.
     assert_eq!(dof("free = \"water\""), 13);
     assert!(error("seed = 1", "clusters = \"torsions\"").remedy.contains("torsion"));
