@@ -28,7 +28,10 @@ use std::fmt;
 /// ```
 /// use phipsi_closure::{ClosedForm, ClosedFormChoice};
 /// use phipsi_recursion::Form;
-/// let model = phipsi_model::ModelBuilder::new("empty").build()?;
+/// use phipsi_model::{Body, Inertia, Joint, JointKind, ModelBuilder};
+/// let body = Body::new("crank", Inertia::from_principal(1.0, [0.5, 0.0, 0.0], [0.1; 3]));
+/// let hinge = Joint::new("hinge", JointKind::Continuous { axis: [0.0, 0.0, 1.0] });
+/// let model = ModelBuilder::new("crank").body(body).joint(hinge, "world", "crank").build()?;
 /// assert_eq!(ClosedFormChoice::new(&model, Form::Auto)?.form, ClosedForm::Mixed);
 /// assert!(ClosedFormChoice::new(&model, Form::Refined).is_err());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
