@@ -2,9 +2,10 @@
 
 use crate::batch::{Argument, Batch};
 use crate::closure_motion::Instant;
+use crate::compiled::{Compiled, Names};
 use crate::dynamics::{ForwardInfo, forward_judgement};
 use crate::errors::{Failure, argument_error, choice_error, dynamics_error, exception, violations_error};
-use crate::model::{Compiled, Model, Names};
+use crate::model::Model;
 use phipsi::closure::{ClosedDynamics, ClosedForm, ClosureError, Conditions, PositionProjection, Solved};
 use phipsi::model::{Closure, ClosureKind, Placement};
 use phipsi::motion::MotionError;

@@ -5,8 +5,8 @@
 //! | γ, γ̇, γ̈ | position, velocity and acceleration of a row of a closure | rad, m and their rates |
 
 use crate::batch::Argument;
+use crate::compiled::Compiled;
 use crate::errors::{argument_error, choice_error};
-use crate::model::Compiled;
 use crate::simulate::Raised;
 use phipsi::closure::{ClosedDynamics, ClosureMotion, Conditions};
 use phipsi::motion::{Course, MovingClosure, Prescription, Signal};

@@ -3,8 +3,9 @@
 use crate::batch::{Argument, Batch};
 use crate::closure::{AssemblyInfo, as_type};
 use crate::closure_motion::Instant;
+use crate::compiled::{Compiled, Names};
 use crate::errors::{name_error, violations_error};
-use crate::model::{Compiled, Model, Names};
+use crate::model::Model;
 use phipsi::closure::{ClosedDynamics, Conditions, Prescribed, Projection, choose_tree};
 use phipsi::recursion::Form;
 use pyo3::prelude::*;
@@ -146,7 +147,7 @@ impl Model {
         batch: &Batch,
         state: [&Argument; 2],
         (active, given): (&[bool], &[f64]),
-        wrenches: &crate::model::Wrenches,
+        wrenches: &crate::compiled::Wrenches,
     ) -> PyResult<Vec<f64>> {
         let (template, _) = compiled.closed_in(py, Form::Auto)?;
         let template = &*template;

@@ -1,8 +1,9 @@
 //! Methods of `Model`: derivatives of forward and inverse dynamics.
 
 use crate::batch::Batch;
+use crate::compiled::{Compiled, Names};
 use crate::errors::Failure;
-use crate::model::{Compiled, Model, Names};
+use crate::model::Model;
 use phipsi::recursion::batch::kernels;
 use pyo3::prelude::*;
 

@@ -1,8 +1,9 @@
 //! Methods of `Model` about forces: forward and inverse dynamics, mass matrices, reactions.
 
 use crate::batch::Batch;
+use crate::compiled::{Compiled, Names};
 use crate::errors::choice_error;
-use crate::model::{Compiled, Model, Names};
+use crate::model::Model;
 use phipsi::motion::forces::passive_forces;
 use phipsi::recursion::batch::{Input, kernels};
 use phipsi::recursion::{Form, FormForwardDynamics, forward_info};

@@ -424,7 +424,7 @@ impl Model {
 }
 
 /// Index of a flexible body.
-fn flexible_body(py: Python<'_>, compiled: &crate::model::Compiled, name: &str) -> PyResult<usize> {
+fn flexible_body(py: Python<'_>, compiled: &crate::compiled::Compiled, name: &str) -> PyResult<usize> {
     let found = compiled.body(py, name)?.filter(|&k| compiled.model.bodies()[k].modes() > 0);
     found.ok_or_else(|| {
         let message = format!("`body`: `{name}` is rigid: it has no modes");

@@ -1,8 +1,9 @@
 //! Methods of `Model` about free-flying systems.
 
 use crate::batch::{Argument, Batch};
+use crate::compiled::Names;
 use crate::errors::{Failure, dynamics_error, exception};
-use crate::model::{Model, Names};
+use crate::model::Model;
 use phipsi::freeflight::{FreeFlightError, SpaceJacobian, TwoSided, reactionless_basis};
 use phipsi::recursion::DynamicsError;
 use phipsi::spatial::Vec3;

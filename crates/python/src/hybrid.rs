@@ -1,8 +1,9 @@
 //! Methods of `Model` about active and passive degrees of freedom.
 
 use crate::batch::{Argument, Batch};
+use crate::compiled::{Compiled, Names};
 use crate::errors::argument_error;
-use crate::model::{Compiled, Model, Names};
+use crate::model::Model;
 use phipsi::recursion::batch::{Input, kernels};
 use pyo3::prelude::*;
 

@@ -1,8 +1,9 @@
 //! Methods of `Model` that go by the Jacobian: inertias of tips, generalised inverses, inverse kinematics.
 
 use crate::batch::{Argument, Batch};
+use crate::compiled::{Compiled, Names};
 use crate::errors::{Failure, argument_error};
-use crate::model::{Compiled, Model, Names};
+use crate::model::Model;
 use phipsi::recursion::{
     InverseKinematics, InverseKinematicsOptions, JacobianPseudoInverse, OperationalSpaceInertia,
     PseudoInverseOptions, Tip,

@@ -1,7 +1,8 @@
 //! Methods of `Model` about motion: poses, velocities, Jacobians, energies, momentum.
 
 use crate::batch::{Argument, Batch};
-use crate::model::{Model, Names};
+use crate::compiled::Names;
+use crate::model::Model;
 use phipsi::recursion::batch::kernels;
 use pyo3::prelude::*;
 

@@ -18,6 +18,7 @@ mod closure;
 mod closure_motion;
 mod closure_projection;
 mod clustering;
+mod compiled;
 mod derivatives;
 mod dynamics;
 mod engine;

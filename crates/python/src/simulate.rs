@@ -272,7 +272,7 @@ fn set_start(
     q0: Option<&Bound<'_, PyAny>>,
     v0: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<()> {
-    let compiled = crate::model::Compiled::of(simulation.model().clone());
+    let compiled = crate::compiled::Compiled::of(simulation.model().clone());
     let (q, v) = crate::simulator::start(py, &compiled, q0, v0)?;
     if let Some(q) = q {
         simulation.start.q = q;

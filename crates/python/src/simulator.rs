@@ -3,8 +3,9 @@
 use crate::batch::{Argument, array};
 use crate::closure::motion_error;
 use crate::closure_motion::prescription;
+use crate::compiled::Compiled;
 use crate::errors::{Field, argument_error, exception};
-use crate::model::{Compiled, Model};
+use crate::model::Model;
 use crate::simulate::{Raised, simulate_error};
 use phipsi::model::State;
 use phipsi::motion::forces::JointDissipation;

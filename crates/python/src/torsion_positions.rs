@@ -1,8 +1,8 @@
 //! Methods of `TorsionModel` between configurations and the positions of atoms.
 
 use crate::batch::{Batch, array};
+use crate::compiled::Names;
 use crate::errors::{Field, argument_error, dynamics_error};
-use crate::model::Names;
 use crate::molecule::vectors;
 use crate::simulator::check_single;
 use crate::torsion_model::TorsionModel;

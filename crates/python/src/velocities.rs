@@ -1,8 +1,9 @@
 //! Methods of `Model` about the mass matrix as a metric: its determinant, velocities of equipartition, and diagonal velocities.
 
 use crate::batch::Batch;
+use crate::compiled::Names;
 use crate::errors::{Field, argument_error};
-use crate::model::{Model, Names};
+use crate::model::Model;
 use phipsi::molecule::{Deviates, sample_velocities};
 use phipsi::recursion::articulated_sweep::SolveWorkspace;
 use phipsi::recursion::batch::kernels;
