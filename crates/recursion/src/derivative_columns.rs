@@ -14,7 +14,7 @@ use crate::inverse_dynamics_derivatives::{
     DIAGONAL, DRIFT, FORCE, POSITION_RATE, PSI, ROWS as ALL, VELOCITY_RATE, begin_columns,
 };
 use crate::layout::{GROUND, Layout};
-use crate::places::{Places, Table, View, moving, vector};
+use crate::places::{Aligned, Places, Table, View, each_place, moving, vector};
 use core::marker::PhantomData;
 use phipsi_spatial::wide::{WIDEST, Wide};
 use phipsi_spatial::{Kernel, Scalar, Vec3, Wrench};
@@ -33,19 +33,19 @@ pub(crate) struct Column<W> {
 #[derive(Clone, Debug)]
 pub(crate) struct Meetings<T> {
     /// ∂T/∂q and ∂T/∂v.
-    pub(crate) d_dq: Vec<T>,
-    pub(crate) d_dv: Vec<T>,
+    pub(crate) d_dq: Aligned<T>,
+    pub(crate) d_dv: Aligned<T>,
     /// M, above the diagonal.
-    pub(crate) d_da: Vec<T>,
+    pub(crate) d_da: Aligned<T>,
     /// Below the diagonal, turned over: row p has what the rows of the columns outboard see of joint p. Empty where columns are
     /// one number wide.
-    turned: [Vec<T>; 2],
+    turned: [Aligned<T>; 2],
     passages: Passages,
 }
 
 impl<T: Scalar> Meetings<T> {
     pub(crate) fn new(layout: &Layout<T::Constant>, places: &Places) -> Self {
-        let turned = || if T::COLUMNS > 1 { places.zeros() } else { Vec::new() };
+        let turned = || if T::COLUMNS > 1 { places.zeros() } else { Aligned::new(0) };
         Meetings {
             d_dq: places.zeros(),
             d_dv: places.zeros(),
@@ -114,6 +114,8 @@ impl<T: Scalar> Meetings<T> {
         mut gyroscopic: Vec3<W>,
     ) {
         let Meetings { d_dq, d_dv, d_da, turned: [turned_dq, turned_dv], passages } = self;
+        let [d_dq, d_dv, d_da, turned_dq, turned_dv]: [&mut [T]; 5] =
+            [d_dq, d_dv, d_da, turned_dq, turned_dv];
         let s = places.stride;
         for joint in passages.inward(places, at, W::COUNT) {
             let (from, own, to) = joint.columns(at, W::COUNT);
@@ -165,7 +167,7 @@ impl<T: Scalar> Meetings<T> {
         mut velocity: Wrench<W>,
     ) {
         let Meetings { d_dq, d_dv, passages, .. } = self;
-        let s = places.stride;
+        let ([d_dq, d_dv], s): ([&mut [T]; 2], usize) = ([d_dq, d_dv], places.stride);
         for joint in passages.inward(places, at, W::COUNT) {
             let (from, own, to) = joint.columns(at, W::COUNT);
             for place in joint.first..joint.inner {
@@ -197,26 +199,41 @@ impl<T: Scalar> Meetings<T> {
             return;
         }
         let Meetings { d_dq, d_dv, turned: [turned_dq, turned_dv], passages, .. } = self;
-        let (s, width) = (places.stride, W::COUNT);
-        let mut left = Places::group(places.margin, width);
+        let mut left = Places::group(places.margin, W::COUNT);
         while left < places.count {
-            let (mut top, end) = (left, places.outboard_end(left, width));
+            let (mut top, end) = (left, places.outboard_end(left, W::COUNT));
             while top < end {
-                for (turned, out) in [(&*turned_dq, &mut *d_dq), (&*turned_dv, &mut *d_dv)] {
-                    let mut tile = [W::zero(); WIDEST];
-                    for (i, x) in tile.iter_mut().enumerate().take(width) {
-                        *x = W::load(&turned[(left + i) * s + top..]);
-                    }
-                    W::transpose(&mut tile);
-                    for (i, x) in tile.into_iter().enumerate().take(width) {
-                        let row = &mut out[(top + i) * s + left..][..width];
-                        let inboard = passages.of(top + i).first.saturating_sub(left).min(width);
-                        x.up_to(inboard, W::load(row)).store(row);
-                    }
-                }
-                top += width;
+                turn_tile::<T, W>(places, passages, turned_dq, d_dq, left, top);
+                turn_tile::<T, W>(places, passages, turned_dv, d_dv, left, top);
+                top += W::COUNT;
             }
-            left += width;
+            left += W::COUNT;
         }
     }
+}
+
+/// Rows from place `left` on, columns from `top` on, turned over: of every row what lies inboard of its joint.
+#[inline(always)]
+fn turn_tile<T: Scalar, W: Wide<T>>(
+    places: &Places,
+    passages: &Passages,
+    turned: &[T],
+    out: &mut [T],
+    left: usize,
+    top: usize,
+) {
+    let (s, width) = (places.stride, W::COUNT);
+    let mut tile = [W::zero(); WIDEST];
+    let turned = &turned[left * s + top..][..(width - 1) * s + width];
+    each_place!(W, I => tile[I] = W::load(&turned[I * s..]));
+    W::transpose(&mut tile);
+    let out = &mut out[top * s + left..][..(width - 1) * s + width];
+    if passages.of(top).first >= left + width {
+        each_place!(W, I => tile[I].store(&mut out[I * s..]));
+        return;
+    }
+    each_place!(W, I => {
+        let inboard = passages.of(top + I).first.saturating_sub(left).min(width);
+        tile[I].store_first(&mut out[I * s..][..inboard]);
+    });
 }

@@ -15,7 +15,7 @@ use crate::innovations::Innovations;
 use crate::inverse_dynamics_derivatives::DerivativeSweeps;
 use crate::layout::Layout;
 use phipsi_spatial::wide::{Wide, WideKernel};
-use phipsi_spatial::{Motion, Scalar, Wrench};
+use phipsi_spatial::{Scalar, Vec3, Wrench};
 
 /// Workspace of the derivatives of forward dynamics.
 #[derive(Clone, Debug)]
@@ -175,12 +175,14 @@ fn subtract_turning_rates<T: Scalar>(layout: &Layout<T::Constant>, v: &[T], d_dv
             continue;
         }
         let joint = body.hinge.expand(&v[body.v..]);
-        for j in 0..body.hinge.nv() {
-            let axis: Motion<T> = body.hinge.axis(j);
-            let rate = axis.angular.cross(joint.linear) + joint.angular.cross(axis.linear);
-            let rate = Motion::new(phipsi_spatial::Vec3::zero(), rate);
-            for (i, &component) in body.hinge.components().iter().enumerate() {
-                d_dv[(body.v + i) * nv + body.v + j] -= rate.get(component);
+        let dofs = body.v..body.v + body.hinge.nv();
+        for (i, &component) in body.hinge.components().iter().enumerate() {
+            // Only linear components have a rate: (δs × v + ω × δb)_i = δs · (v × e_i) + δb · (e_i × ω).
+            let Some(direction) = component.checked_sub(3).map(Vec3::unit) else { continue };
+            let rate = Wrench::new(joint.linear.cross(direction), direction.cross(joint.angular));
+            let row = &mut d_dv[(body.v + i) * nv..][dofs.clone()];
+            for (x, &component) in row.iter_mut().zip(body.hinge.components()) {
+                *x -= rate.get(component);
             }
         }
     }

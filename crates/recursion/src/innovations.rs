@@ -15,7 +15,7 @@ use crate::error::DynamicsError;
 use crate::ground_axes::{self, AXIS, OFFSET, Passages};
 use crate::hinge::combine;
 use crate::layout::{GROUND, Layout, Shifts};
-use crate::places::{Places, Table, View, inside, moving, vector};
+use crate::places::{Aligned, Places, Table, View, inside, moving, vector};
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{Scalar, Wrench};
 
@@ -34,7 +34,7 @@ const GAINS: usize = 6;
 pub(crate) struct Innovations<T> {
     passages: Passages,
     /// L. What is zero for every configuration is never anything else between calls.
-    operator: Vec<T>,
+    operator: Aligned<T>,
     /// D⁻¹, by places.
     inverse: Vec<T>,
     gains: Table<T, GAINS>,
@@ -70,7 +70,7 @@ impl<T: Scalar> Innovations<T> {
         bodies: &mut View<'_, T, N>,
     ) {
         let Innovations { operator, inverse: inverses, gains, passages, .. } = self;
-        let s = places.stride;
+        let (operator, s): (&mut [T], usize) = (operator, places.stride);
         let mut gains = gains.view();
         for (body, &first) in layout.bodies().iter().zip(&places.first) {
             let axes = bodies.at(first).axes();

@@ -311,15 +311,23 @@ fn move_outboard<T: Scalar, const TURNING: bool>(
 /// Composites of all bodies, tip to base, from their own parts.
 #[inline(always)]
 fn gather_inboard<T: Scalar>(layout: &Layout<T::Constant>, places: &Places, view: &mut View<'_, T, ROWS>) {
-    for (k, body) in layout.bodies().iter().enumerate().rev() {
-        if body.parent == GROUND {
-            continue;
+    let (bodies, first) = (layout.bodies(), &places.first[..layout.len()]);
+    let mut k = bodies.len();
+    // From every tip along a run of first children, whose sum stays in registers.
+    while k > 0 {
+        k -= 1;
+        let mut sum = Composite::<T>::get(&view.at(first[k]));
+        while bodies[k].parent != GROUND {
+            let (body, here) = (&bodies[k], view.at(first[k]));
+            let moved = sum.shifted(here.vector(OFFSET), here.vector(DRIFT));
+            let mut parent = view.at(first[body.parent]);
+            sum = Composite::get(&parent).plus(&moved);
+            sum.put(&mut parent);
+            if !body.follows_parent(k) {
+                break;
+            }
+            k -= 1;
         }
-        let here = view.at(places.first[k]);
-        let moved = Composite::<T>::get(&here).shifted(here.vector(OFFSET), here.vector(DRIFT));
-        let mut parent = view.at(places.first[body.parent]);
-        let sum = Composite::<T>::get(&parent).plus(&moved);
-        sum.put(&mut parent);
     }
 }
 

@@ -13,9 +13,11 @@ use phipsi_spatial::{Mat3, Motion, Scalar, Sym3, Vec3, Wrench};
 /// Rows that a product takes at once.
 pub(crate) const ROWS: usize = 4;
 
+mod aligned;
 mod panels;
 
-pub(crate) use panels::Panels;
+pub(crate) use aligned::Aligned;
+pub(crate) use panels::{Panels, each_place};
 
 /// Where degrees of freedom are.
 #[derive(Clone, Debug)]
@@ -84,8 +86,8 @@ impl Places {
         (0..self.first.len()).map(|k| (self.end[k] - self.first[k]) * self.own(k).len()).sum()
     }
     /// A matrix of zeros.
-    pub(crate) fn zeros<T: Scalar>(&self) -> Vec<T> {
-        vec![T::zero(); self.stride * self.count]
+    pub(crate) fn zeros<T: Scalar>(&self) -> Aligned<T> {
+        Aligned::new(self.stride * self.count)
     }
     /// The first place of the group in which a place is, in registers of `width`.
     #[inline(always)]
@@ -122,6 +124,32 @@ impl Places {
         let skip = margin.saturating_sub(at);
         for (x, &dof) in numbers.iter().zip(&self.dof[at..at + W::COUNT]).skip(skip) {
             out[dof] = *x;
+        }
+    }
+    /// True if the model's order is that of the places.
+    #[inline(always)]
+    pub(crate) fn in_order(&self) -> bool {
+        self.in_order
+    }
+    /// Writes a group of rows from `row` on, from column `at` on, to the model's matrix.
+    #[inline(always)]
+    pub(crate) fn write_rows<T: Scalar, W: Wide<T>, const R: usize>(
+        &self,
+        row: usize,
+        at: usize,
+        x: [W; R],
+        out: &mut [T],
+    ) {
+        let (nv, margin) = (self.count - self.margin, self.margin);
+        if self.in_order && row >= margin && at >= margin {
+            let out = &mut out[(row - margin) * nv + at - margin..][..(R - 1) * nv + W::COUNT];
+            for r in 0..R {
+                x[r].store(&mut out[r * nv..]);
+            }
+            return;
+        }
+        for r in 0..R {
+            self.write(row + r, at, x[r], out);
         }
     }
     /// Writes a whole matrix.
@@ -168,22 +196,17 @@ pub(crate) fn mirror<T: Scalar, W: Wide<T>>(out: &mut [T], n: usize, stride: usi
 /// `N` numbers of every place.
 #[derive(Clone, Debug)]
 pub(crate) struct Table<T, const N: usize> {
-    numbers: Vec<T>,
-    places: usize,
+    numbers: Aligned<T>,
 }
 
 impl<T: Scalar, const N: usize> Table<T, N> {
     pub(crate) fn new(places: &Places) -> Self {
-        // Room to begin in a cache line of its own.
-        let count = N * places.count.next_multiple_of(T::COLUMNS);
-        Table { numbers: vec![T::zero(); count + T::COLUMNS - 1], places: places.count }
+        Table { numbers: Aligned::new(N * places.count.next_multiple_of(T::COLUMNS)) }
     }
     /// Access to all rows of a group, for the time of a sweep.
     #[inline(always)]
     pub(crate) fn view(&mut self) -> View<'_, T, N> {
-        let start = self.numbers.as_ptr().align_offset(64).min(T::COLUMNS - 1);
-        let count = N * self.places.next_multiple_of(T::COLUMNS);
-        View { numbers: &mut self.numbers[start..start + count] }
+        View { numbers: &mut self.numbers }
     }
 }
 

@@ -5,9 +5,9 @@
 //! if one of c and j lies on the other's way. Columns are taken in panels of a few registers, rows in groups.
 
 use super::Innovations;
-use crate::places::{Places, ROWS, mirror};
+use crate::places::{Aligned, Places, ROWS, each_place};
 use phipsi_spatial::Scalar;
-use phipsi_spatial::wide::Wide;
+use phipsi_spatial::wide::{WIDEST, Wide};
 
 /// Registers side by side in a panel.
 const SIDE: usize = 2;
@@ -20,12 +20,10 @@ type Ranges = Vec<(usize, usize)>;
 pub(super) struct Products<T> {
     /// For every panel: places on the way of its columns, or outboard of them.
     related: Vec<Ranges>,
-    /// For every group of rows: places on their ways.
+    /// For every group of rows of M⁻¹: places on their ways.
     inboard: Vec<Ranges>,
     /// M⁻¹, by places.
-    inverse: Vec<T>,
-    /// D⁻¹ L of a panel.
-    panel: Vec<T>,
+    inverse: Aligned<T>,
     /// Numbers in a row of a panel.
     width: usize,
 }
@@ -42,6 +40,11 @@ fn ranges(count: usize, near: impl Fn(usize) -> bool) -> Ranges {
     ranges
 }
 
+/// Rows of M⁻¹ that are summed up at once: a tile of the widest registers.
+const fn rows_of_inverse<T: Scalar>() -> usize {
+    if T::COLUMNS == 1 { ROWS } else { WIDEST }
+}
+
 impl<T: Scalar> Products<T> {
     pub(super) fn new(places: &Places) -> Self {
         let (width, count, margin) = (SIDE * T::COLUMNS, places.count, places.margin);
@@ -56,106 +59,155 @@ impl<T: Scalar> Products<T> {
             let panel = left.max(margin)..(left + width).min(count);
             ranges(count, |c| panel.clone().any(|p| inboard_of(c, p) || inboard_of(p, c)))
         });
-        let inboard = places
-            .blocks()
-            .map(|row| ranges(count, |c| (row.max(margin)..row + ROWS).any(|r| inboard_of(c, r))));
-        Products {
-            related: related.collect(),
-            inboard: inboard.collect(),
-            inverse: places.zeros(),
-            panel: vec![T::zero(); count * width],
-            width,
-        }
+        let rows = rows_of_inverse::<T>();
+        let inboard = (Places::group(margin, rows)..count).step_by(rows).map(|row| {
+            let rows = row.max(margin)..row + rows;
+            ranges(count, |c| rows.clone().any(|r| inboard_of(c, r)))
+        });
+        Products { related: related.collect(), inboard: inboard.collect(), inverse: places.zeros(), width }
     }
-}
-
-/// Calls a step for the columns of every panel: two registers at once where `$both`, else one.
-macro_rules! each_panel {
-    ($t:ty, $w:ty, $places:expr, $width:expr, $both:expr, |$panel:ident, $at:ident, $inner:ident, $G:ident| $step:expr) => {
-        let mut $at = Places::group($places.margin, <$t>::COLUMNS);
-        let mut $panel = 0;
-        while $at < $places.count {
-            let end = ($at + $width).min($places.count);
-            let left = $at;
-            while $at < end {
-                let $inner = $at - left;
-                if $both && $at + SIDE * <$w as Wide<$t>>::COUNT <= end {
-                    const $G: usize = SIDE;
-                    $step;
-                    $at += SIDE * <$w as Wide<$t>>::COUNT;
-                } else {
-                    const $G: usize = 1;
-                    $step;
-                    $at += <$w as Wide<$t>>::COUNT;
-                }
-            }
-            $panel += 1;
-        }
-    };
 }
 
 impl<T: Scalar> Innovations<T> {
     /// M⁻¹ = L* D⁻¹ L, full and symmetric, also in the model's order.
     #[inline(always)]
     pub(crate) fn inverse_mass_matrix<W: Wide<T>>(&mut self, places: &Places, out: &mut [T]) {
-        let Innovations { operator, inverse: pivots, products, .. } = self;
-        let Products { inboard, inverse, panel, width, .. } = products;
-        let (width, s) = (*width, places.stride);
-        each_panel!(T, W, places, width, true, |_index, at, inner, G| {
-            let end = at + G * W::COUNT;
-            let rows = operator.chunks_exact(s).zip(&*pivots);
-            for ((l, pivot), y) in rows.zip(panel.chunks_exact_mut(width)) {
-                for g in 0..G {
-                    let x = W::load(&l[at..end][g * W::COUNT..]) * W::broadcast(*pivot);
-                    x.store(&mut y[inner + g * W::COUNT..]);
+        let Innovations { operator, inverse: pivots, products: Products { inboard, inverse, .. }, .. } = self;
+        let ([operator, pivots], inverse): ([&[T]; 2], &mut [T]) = ([operator, pivots], inverse);
+        let (s, rows) = (places.stride, rows_of_inverse::<T>());
+        let mut at = Places::group(places.margin, W::COUNT);
+        while at < places.count {
+            let mut row = Places::group(places.margin, rows);
+            for terms in inboard.iter() {
+                if row >= at + W::COUNT {
+                    break;
                 }
-            }
-            for (row, terms) in places.blocks().zip(&*inboard).take_while(|(row, _)| *row < end) {
-                let sums = sums::<T, W, 1, G>((operator, s, row), terms, ([&panel[..]], width, inner));
-                for r in 0..ROWS {
-                    for g in 0..G {
-                        sums[0][g][r].store(&mut inverse[(row + r) * s + at + g * W::COUNT..]);
+                let sums = tile::<T, W>((operator, s), pivots, terms, row, at);
+                for (top, tile) in
+                    (row..).step_by(W::COUNT).zip(sums.chunks_exact(W::COUNT)).take(rows / W::COUNT)
+                {
+                    let empty = top + W::COUNT <= places.margin;
+                    if top < at && !empty {
+                        put_tile::<T, W, false>(places, tile, top, at, inverse, out);
+                    } else if top == at {
+                        put_tile::<T, W, true>(places, tile, top, at, inverse, out);
                     }
                 }
+                row += rows;
             }
-        });
-        mirror::<T, W>(inverse, places.count, s);
-        places.write_all::<T, W>(inverse, out);
+            at += W::COUNT;
+        }
+        if !places.in_order() {
+            places.write_all::<T, W>(inverse, out);
+        }
     }
     /// −M⁻¹ B for two matrices B of the places, to the model's order, after [`Innovations::inverse_mass_matrix`].
     #[inline(always)]
-    pub(crate) fn negative_solve<W: Wide<T>>(&self, places: &Places, b: [&[T]; 2], out: [&mut [T]; 2]) {
-        let (Products { related, inverse, width, .. }, s) = (&self.products, places.stride);
+    pub(crate) fn negative_solve<W: Wide<T>>(&self, places: &Places, b: [&[T]; 2], mut out: [&mut [T]; 2]) {
         // Sums of two matrices in two registers each are sixteen: only AVX-512 has names for more.
         let both = size_of::<W>() >= 64;
-        each_panel!(T, W, places, *width, both, |panel, at, _inner, G| {
-            for row in places.blocks() {
-                let sums = sums::<T, W, 2, G>((inverse, s, row), &related[panel], (b, s, at));
-                for r in 0..ROWS {
-                    for g in 0..G {
-                        places.write(row + r, at + g * W::COUNT, -sums[0][g][r], out[0]);
-                        places.write(row + r, at + g * W::COUNT, -sums[1][g][r], out[1]);
-                    }
+        let mut at = Places::group(places.margin, T::COLUMNS);
+        for related in &self.products.related {
+            let end = (at + self.products.width).min(places.count);
+            while at < end {
+                if both && at + SIDE * W::COUNT <= end {
+                    self.solve_columns::<W, SIDE>(places, related, at, b, &mut out);
+                    at += SIDE * W::COUNT;
+                } else {
+                    self.solve_columns::<W, 1>(places, related, at, b, &mut out);
+                    at += W::COUNT;
                 }
             }
-        });
+        }
+    }
+    /// The same for the columns of `G` registers.
+    #[inline(always)]
+    fn solve_columns<W: Wide<T>, const G: usize>(
+        &self,
+        places: &Places,
+        related: &Ranges,
+        at: usize,
+        b: [&[T]; 2],
+        out: &mut [&mut [T]; 2],
+    ) {
+        let (inverse, s): (&[T], usize) = (&self.products.inverse, places.stride);
+        for row in places.blocks() {
+            let sums = sums::<T, W, G>((inverse, s, row), related, b, at);
+            for (sums, out) in sums.into_iter().zip(out.iter_mut()) {
+                for (g, sums) in sums.into_iter().enumerate() {
+                    places.write_rows(row, at + g * W::COUNT, sums.map(|x| -x), out);
+                }
+            }
+        }
     }
 }
 
-/// Sums of rows of M matrices, from a column on, with the weights in [`ROWS`] columns of another from `row` on.
+/// Rows of L* D⁻¹ L from `row` on, of the columns from `at` on.
 #[inline(always)]
-fn sums<T: Scalar, W: Wide<T>, const M: usize, const G: usize>(
+fn tile<T: Scalar, W: Wide<T>>(
+    (operator, stride): (&[T], usize),
+    pivots: &[T],
+    terms: &Ranges,
+    row: usize,
+    at: usize,
+) -> [W; WIDEST] {
+    let rows = rows_of_inverse::<T>();
+    let mut sums = [W::zero(); WIDEST];
+    for &(low, high) in terms {
+        let innovations = operator[low * stride..high * stride].chunks_exact(stride);
+        for (l, pivot) in innovations.zip(&pivots[low..high]) {
+            let x = W::load(&l[at..]) * W::broadcast(*pivot);
+            let weights = &l[row..row + rows];
+            for r in 0..rows {
+                sums[r] = x.fma(W::broadcast(weights[r]), sums[r]);
+            }
+        }
+    }
+    sums
+}
+
+/// Puts a tile above the diagonal, or on it, where M⁻¹ has it, and the same turned over.
+#[inline(always)]
+fn put_tile<T: Scalar, W: Wide<T>, const DIAGONAL: bool>(
+    places: &Places,
+    rows: &[W],
+    top: usize,
+    at: usize,
+    inverse: &mut [T],
+    out: &mut [T],
+) {
+    let s = places.stride;
+    let mut tile = [W::zero(); WIDEST];
+    each_place!(W, I => tile[I] = rows[I]);
+    let mut below = tile;
+    W::transpose(&mut below);
+    each_place!(W, I => {
+        if !DIAGONAL {
+            tile[I].store(&mut inverse[(top + I) * s + at..]);
+        }
+        let x = if DIAGONAL { below[I].up_to(I, tile[I]) } else { below[I] };
+        x.store(&mut inverse[(at + I) * s + top..]);
+    });
+    if places.in_order() {
+        places.write_tile::<T, W, DIAGONAL>(tile, top, at, out);
+    }
+}
+
+/// Sums of rows of two matrices, from a column on, with the weights in [`ROWS`] columns of another from `row` on.
+#[inline(always)]
+fn sums<T: Scalar, W: Wide<T>, const G: usize>(
     (weights, stride, row): (&[T], usize, usize),
-    terms: &[(usize, usize)],
-    (matrices, length, at): ([&[T]; M], usize, usize),
-) -> [[[W; ROWS]; G]; M] {
-    let mut sums = [[[W::zero(); ROWS]; G]; M];
+    terms: &Ranges,
+    matrices: [&[T]; 2],
+    at: usize,
+) -> [[[W; ROWS]; G]; 2] {
+    let mut sums = [[[W::zero(); ROWS]; G]; 2];
     for &(low, high) in terms {
         let weights = weights[low * stride..high * stride].chunks_exact(stride);
         for (c, weights) in (low..high).zip(weights) {
             let weights = &weights[row..row + ROWS];
-            for m in 0..M {
-                let x = &matrices[m][c * length + at..][..G * W::COUNT];
+            for m in 0..2 {
+                let x = &matrices[m][c * stride + at..][..G * W::COUNT];
                 for g in 0..G {
                     let x = W::load(&x[g * W::COUNT..]);
                     for r in 0..ROWS {

@@ -1,6 +1,6 @@
 //! A symmetric matrix on its way from registers to the model's order.
 
-use super::Places;
+use super::{Aligned, Places};
 use phipsi_spatial::Scalar;
 use phipsi_spatial::wide::{WIDEST, Wide};
 
@@ -16,6 +16,8 @@ macro_rules! each_place {
         }
     )*};
 }
+
+pub(crate) use each_place;
 
 impl Places {
     /// Writes a symmetric matrix, given above its diagonal, to the model's: entries of related degrees of freedom and some zeros
@@ -37,28 +39,28 @@ impl Places {
         let mut left = Self::group(self.margin, W::COUNT);
         while left < self.count {
             let end = self.outboard_end(left, W::COUNT);
-            let hidden = self.margin.saturating_sub(left);
-            self.write_tile::<T, W, true>(upper, left, left, hidden, out);
+            self.write_tile::<T, W, true>(upper.tile(left, left), left, left, out);
             let mut top = left + W::COUNT;
             while top < end {
-                self.write_tile::<T, W, false>(upper, left, top, hidden, out);
+                self.write_tile::<T, W, false>(upper.tile(left, top), left, top, out);
                 top += W::COUNT;
             }
             left += W::COUNT;
         }
     }
-    /// Rows from place `left` on, columns from `top` on, and the same turned over; of the rows, `hidden` are empty.
+    /// Writes a tile of a symmetric matrix to the model's, whose order is that of the places: rows from place `left` on, columns from
+    /// `top` on, and the same turned over.
     #[inline(always)]
-    fn write_tile<T: Scalar, W: Wide<T>, const DIAGONAL: bool>(
+    pub(crate) fn write_tile<T: Scalar, W: Wide<T>, const DIAGONAL: bool>(
         &self,
-        upper: &Panels<T>,
+        tile: [W; WIDEST],
         left: usize,
         top: usize,
-        hidden: usize,
         out: &mut [T],
     ) {
         let (nv, margin, width) = (self.count - self.margin, self.margin, W::COUNT);
-        let tile: [W; WIDEST] = upper.tile(left, top);
+        // Rows of the tile that are empty.
+        let hidden = margin.saturating_sub(left);
         let mut below = tile;
         W::transpose(&mut below);
         let (row, column) = (left + hidden - margin, top.max(margin) - margin);
@@ -86,14 +88,14 @@ impl Places {
 /// A matrix by panels of [`Scalar::COLUMNS`] columns, one row after the other, so that tiles lie together.
 #[derive(Clone, Debug)]
 pub(crate) struct Panels<T> {
-    numbers: Vec<T>,
+    numbers: Aligned<T>,
     rows: usize,
 }
 
 impl<T: Scalar> Panels<T> {
     /// Zeros.
     pub(crate) fn new(places: &Places) -> Self {
-        Panels { numbers: vec![T::zero(); places.count * places.count], rows: places.count }
+        Panels { numbers: Aligned::new(places.count * places.count), rows: places.count }
     }
     #[inline(always)]
     fn index(&self, row: usize, column: usize) -> usize {
