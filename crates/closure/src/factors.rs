@@ -506,7 +506,7 @@ impl<T: Real> Factors<T> {
             most: operation.most,
             beta: &mut self.beta[operation.step..][..columns],
             pivots,
-            sums: &mut self.sums,
+            squares: &mut self.sums,
             sizes: &mut self.row_sizes,
         }
     }

@@ -348,10 +348,12 @@ impl<T: Real> Frames<T> {
             let LoopKind::Frames { kind, a, .. } = &l.kind else { continue };
             let relative = &self.relative[of];
             let inboard = self.ends[of][0].rotation.transpose_mul(omega(a.body) + self.spins[of][0]);
-            let from = [0, 1].map(|side| {
+            // Not by `map`, whose closure would be compiled for any processor.
+            let from = |side: usize| {
                 let point = &self.points[of][side];
                 point.rotation.transpose_mul(point.translation - self.origins[of][side])
-            });
+            };
+            let from = [from(0), from(1)];
             let all = |x: Vec3<Arithmetic<T>>| size(x.0[0]) + size(x.0[1]) + size(x.0[2]);
             let (turn, speed) = (all(inboard), all(relative.twist.linear));
             let angular = turn * all(relative.twist.angular);
@@ -377,12 +379,12 @@ impl<T: Real> Frames<T> {
     /// The largest residual of a loop, over the scene's length where it is one.
     #[inline(always)]
     fn relative_error(&self, structure: &Structure<T>, l: &Loop<T>) -> f64 {
-        let residual = &self.residual[l.rows.clone()];
-        let over = |(i, x): (usize, &T)| {
+        let mut most = 0.0f64;
+        for (i, x) in self.residual[l.rows.clone()].iter().enumerate() {
             let x = x.abs().to_f64();
-            if i < l.angular { x } else { x / structure.length }
-        };
-        residual.iter().enumerate().map(over).fold(0.0, f64::max)
+            most = most.max(if i < l.angular { x } else { x / structure.length });
+        }
+        most
     }
 }
 

@@ -29,8 +29,8 @@ pub(crate) struct Panel<'a, T> {
     pub(crate) beta: &'a mut [T],
     /// The column of each step.
     pub(crate) pivots: &'a mut [usize],
-    /// Room for a row, and for the size of every row.
-    pub(crate) sums: &'a mut [T],
+    /// Room for the squares of every column, and for the size of every row.
+    pub(crate) squares: &'a mut [T],
     pub(crate) sizes: &'a mut [f64],
 }
 
@@ -98,20 +98,21 @@ impl<T: Scalar> Panel<'_, T> {
         most: usize,
     ) -> (usize, f64) {
         let width = if W == 0 { self.width } else { W };
-        // The groups that the columns are in.
-        let groups = columns.start / GROUP * GROUP..columns.end.next_multiple_of(GROUP);
         let mut t = first;
+        self.squares.fill(T::zero());
+        for row in self.a[t.min(self.rows) * width..self.rows * width].chunks_exact(width) {
+            for (to, from) in
+                self.squares.as_chunks_mut::<GROUP>().0.iter_mut().zip(row.as_chunks::<GROUP>().0)
+            {
+                *to = add_squares(*from, *to);
+            }
+        }
         loop {
             let mut best = (usize::MAX, T::zero());
             // Columns of earlier steps are zero here.
-            let sums = &mut self.sums[groups.clone()];
-            sums.fill(T::zero());
-            for row in self.a[t.min(self.rows) * width..self.rows * width].chunks_exact(width) {
-                add_squares(sums, &row[groups.clone()]);
-            }
             for c in columns.clone() {
-                if best.0 == usize::MAX || self.sums[c].min_lane() > best.1.min_lane() {
-                    best = (c, self.sums[c]);
+                if best.0 == usize::MAX || self.squares[c].min_lane() > best.1.min_lane() {
+                    best = (c, self.squares[c]);
                 }
             }
             // Squares may have been lost, or be too large for a number.
@@ -121,8 +122,9 @@ impl<T: Scalar> Panel<'_, T> {
             if full || best.0 == usize::MAX || best.1.min_lane() <= tolerance {
                 return (t, best.1.min_lane());
             }
+            let unit = if safe { T::splat(1.0) } else { best.1 };
             self.pivots[t] = best.0;
-            self.beta[t] = self.reflect::<W>(t, best.0, best.1);
+            self.beta[t] = self.reflect::<W>(t, best.0, best.1, unit);
             t += 1;
         }
     }
@@ -138,51 +140,125 @@ impl<T: Scalar> Panel<'_, T> {
         }
         best
     }
-    /// One reflection, of the rows from t on, that leaves in column `pivot` one number of size `length`.
+    /// One reflection, of the rows from t on, that leaves in column `pivot` one number of size `length`; and the squares of what
+    /// remains. Products of two numbers over `unit` are numbers.
     #[inline(always)]
-    fn reflect<const W: usize>(&mut self, t: usize, pivot: usize, length: T) -> T {
+    fn reflect<const W: usize>(&mut self, t: usize, pivot: usize, length: T, unit: T) -> T {
         let (width, rows) = (if W == 0 { self.width } else { W }, self.rows);
         let head = self.a[t * width + pivot];
         let left = if head.min_lane() < 0.0 { length } else { -length };
-        let scale = (head - left).recip();
+        let scale = (head - left).recip() * unit;
         let beta = (left - head) / left;
-        let v = &mut self.v[t * self.most..][..rows];
-        let sums = &mut self.sums[..width];
+        let v = &mut self.v[t * self.most..][t + 1..rows];
         let (upper, lower) = self.a[..rows * width].split_at_mut((t + 1) * width);
         let first = &mut upper[t * width..];
-        sums.copy_from_slice(first);
-        for (v, row) in v[t + 1..].iter_mut().zip(lower.chunks_exact(width)) {
-            *v = row[pivot] * scale;
-            add_scaled(sums, *v, row);
+        let inverse = if unit == T::splat(1.0) { unit } else { unit.recip() };
+        for (v, row) in v.iter_mut().zip(lower.chunks_exact(width)) {
+            *v = row[pivot] * inverse;
         }
-        for sum in sums.iter_mut() {
-            *sum *= beta;
+        // v/scale until all columns are done: so that products need not wait for a root and a quotient.
+        let mut step = Step { v, scale, beta, first, lower, squares: self.squares, width, pivot };
+        let mut at = 0;
+        while at < width {
+            match width - at {
+                12 => step.reflect::<12>(at),
+                16.. => step.reflect::<16>(at),
+                8.. => step.reflect::<8>(at),
+                _ => step.reflect::<GROUP>(at),
+            }
+            at += match width - at {
+                12 => 12,
+                16.. => 16,
+                8.. => 8,
+                _ => GROUP,
+            };
         }
-        add_scaled(first, -T::splat(1.0), sums);
-        for (v, row) in v[t + 1..].iter().zip(lower.chunks_exact_mut(width)) {
-            add_scaled(row, -*v, sums);
-            row[pivot] = T::zero();
-        }
+        let Step { v, first, .. } = step;
         first[pivot] = left;
+        for v in v {
+            *v *= scale;
+        }
         beta
     }
+}
+
+/// A reflection on its way through the columns.
+struct Step<'a, T> {
+    v: &'a mut [T],
+    scale: T,
+    beta: T,
+    /// The row of the head, and the rows below it.
+    first: &'a mut [T],
+    lower: &'a mut [T],
+    squares: &'a mut [T],
+    width: usize,
+    pivot: usize,
+}
+
+impl<T: Scalar> Step<'_, T> {
+    /// `C` columns from `at` on.
+    #[inline(always)]
+    fn reflect<const C: usize>(&mut self, at: usize) {
+        let mut dot = [T::zero(); C];
+        for (v, row) in self.v.iter().zip(self.lower.chunks_exact(self.width)) {
+            dot = scale_add(*v, columns(row, at), dot);
+        }
+        let first: [T; C] = columns(self.first, at);
+        let sums = scale_add(self.scale, dot, first).map(|x| x * self.beta);
+        let change = sums.map(|x| -(x * self.scale));
+        self.first[at..at + C].copy_from_slice(&scale_add(-T::splat(1.0), sums, first));
+        // Zero below the head, whatever rounding leaves there.
+        let keep: [T; C] = core::array::from_fn(|i| T::splat(f64::from(at + i != self.pivot)));
+        let mut squares = [T::zero(); C];
+        for (v, row) in self.v.iter().zip(self.lower.chunks_exact_mut(self.width)) {
+            let left = multiply(scale_add(*v, change, columns(row, at)), keep);
+            row[at..at + C].copy_from_slice(&left);
+            squares = add_squares(left, squares);
+        }
+        self.squares[at..at + C].copy_from_slice(&squares);
+    }
+}
+
+/// `C` numbers of a row.
+#[inline(always)]
+fn columns<T: Scalar, const C: usize>(row: &[T], at: usize) -> [T; C] {
+    let mut numbers = [T::zero(); C];
+    numbers.copy_from_slice(&row[at..at + C]);
+    numbers
+}
+
+/// `factor` · x + y.
+#[inline(always)]
+fn scale_add<T: Scalar, const C: usize>(factor: T, x: [T; C], mut y: [T; C]) -> [T; C] {
+    for (x, y) in x.into_iter().zip(&mut y) {
+        *y = factor.fma(x, *y);
+    }
+    y
+}
+
+/// Products, number by number.
+#[inline(always)]
+fn multiply<T: Scalar, const C: usize>(mut x: [T; C], y: [T; C]) -> [T; C] {
+    for (x, y) in x.iter_mut().zip(y) {
+        *x *= y;
+    }
+    x
+}
+
+/// `sums` + the squares of numbers.
+#[inline(always)]
+fn add_squares<T: Scalar, const C: usize>(x: [T; C], mut sums: [T; C]) -> [T; C] {
+    for (x, sum) in x.into_iter().zip(&mut sums) {
+        *sum = x.fma(x, *sum);
+    }
+    sums
 }
 
 /// `to` += `factor` · `from`; both are whole numbers of groups, each read before it is written, so that it is one in registers.
 #[inline(always)]
 pub(crate) fn add_scaled<T: Scalar>(to: &mut [T], factor: T, from: &[T]) {
     for (to, from) in to.as_chunks_mut::<GROUP>().0.iter_mut().zip(from.as_chunks::<GROUP>().0) {
-        let ([a, b, c, d], [x, y, z, w]) = (*to, *from);
-        *to = [factor.fma(x, a), factor.fma(y, b), factor.fma(z, c), factor.fma(w, d)];
-    }
-}
-
-/// `to` += the squares of `from`, likewise.
-#[inline(always)]
-fn add_squares<T: Scalar>(to: &mut [T], from: &[T]) {
-    for (to, from) in to.as_chunks_mut::<GROUP>().0.iter_mut().zip(from.as_chunks::<GROUP>().0) {
-        let ([a, b, c, d], [x, y, z, w]) = (*to, *from);
-        *to = [x.fma(x, a), y.fma(y, b), z.fma(z, c), w.fma(w, d)];
+        *to = scale_add::<T, GROUP>(factor, *from, *to);
     }
 }
 
@@ -275,7 +351,8 @@ mod tests {
             let original = a.clone();
             let mut order: Vec<usize> = (0..rows).collect();
             let (mut beta, mut pivots) = (vec![0.0; columns], vec![0; columns]);
-            let (mut v, mut sums, mut room) = (vec![0.0; columns * most], vec![0.0; width], vec![0.0; most]);
+            let (mut v, mut squares, mut room) =
+                (vec![0.0; columns * most], vec![0.0; width], vec![0.0; most]);
             let mut panel = Panel {
                 a: &mut a,
                 width,
@@ -285,7 +362,7 @@ mod tests {
                 most,
                 beta: &mut beta,
                 pivots: &mut pivots,
-                sums: &mut sums,
+                squares: &mut squares,
                 sizes: &mut room,
             };
             panel.sort_rows(0, 0..columns);
