@@ -9,12 +9,12 @@
 //! | position | force of a change of position |
 //! | velocity | force of a change of velocity |
 
-use crate::ground_axes::{AXIS, OFFSET, Passages, along};
+use crate::ground_axes::{AXIS, OFFSET, Passages, along, each_way};
 use crate::inverse_dynamics_derivatives::{
-    DIAGONAL, DRIFT, FORCE, POSITION_RATE, PSI, ROWS as ALL, VELOCITY_RATE, begin_columns,
+    DIAGONAL, DRIFT, FORCE, POSITION_RATE, PSI, ROWS, VELOCITY_RATE, begin_columns,
 };
 use crate::layout::{GROUND, Layout};
-use crate::places::{Aligned, Places, Table, View, each_place, moving, vector};
+use crate::places::{Aligned, Places, Table, View, each_place, vector};
 use core::marker::PhantomData;
 use phipsi_spatial::wide::{WIDEST, Wide};
 use phipsi_spatial::{Kernel, Scalar, Vec3, Wrench};
@@ -72,7 +72,7 @@ fn dot_add<T: Scalar, W: Wide<T>>(a: Vec3<T>, b: Vec3<W>, c: W) -> W {
 /// keep more in registers.
 pub(crate) struct Meet<'a, T: Scalar, W, const TURNING: bool> {
     pub(crate) places: &'a Places,
-    pub(crate) view: View<'a, T, ALL>,
+    pub(crate) view: View<'a, T, ROWS>,
     pub(crate) meetings: &'a mut Meetings<T>,
     pub(crate) register: PhantomData<W>,
 }
@@ -108,7 +108,7 @@ impl<T: Scalar> Meetings<T> {
     fn weigh<W: Wide<T>, const TURNING: bool>(
         &mut self,
         places: &Places,
-        view: &View<'_, T, ALL>,
+        view: &View<'_, T, ROWS>,
         at: usize,
         mut inertia: Wrench<W>,
         mut gyroscopic: Vec3<W>,
@@ -118,42 +118,43 @@ impl<T: Scalar> Meetings<T> {
             [d_dq, d_dv, d_da, turned_dq, turned_dv];
         let s = places.stride;
         for joint in passages.inward(places, at, W::COUNT) {
-            let (from, own, to) = joint.columns(at, W::COUNT);
-            for place in joint.first..joint.inner.min(at + W::COUNT) {
-                let here = view.lane(Table::<T, ALL>::start(place));
-                let row = place * s + at;
-                if TURNING {
-                    let x = along(&here.motion(AXIS), joint.linear, &inertia);
-                    x.between(0, to).store(&mut d_da[row..]);
+            each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
+                for place in joint.first..joint.inner.min(at + W::COUNT) {
+                    let here = view.lane(Table::<T, ROWS>::start(place));
+                    let row = place * s + at;
+                    if TURNING {
+                        let x = along(&here.motion(AXIS), joint.linear, &inertia);
+                        columns.outboard::<ALL, _, _>(x).store(&mut d_da[row..]);
+                    }
+                    if !ALL && columns.own == columns.to {
+                        // All columns are the joint's own.
+                        continue;
+                    }
+                    let (change, rate) = (here.motion(POSITION_RATE), here.motion(VELOCITY_RATE));
+                    // Ψ* R S + ψ* g.
+                    let moment = dot_add(here.vector(PSI), gyroscopic, dot(change.angular, inertia.moment));
+                    let position = moment + dot(change.linear, inertia.force);
+                    // Γ* R S + s* g.
+                    let mut velocity = dot(rate.angular, inertia.moment) + dot(here.vector(AXIS), gyroscopic);
+                    if joint.linear {
+                        velocity = dot_add(rate.linear, inertia.force, velocity);
+                    }
+                    if W::COUNT == 1 {
+                        position.store(&mut d_dq[at * s + place..]);
+                        velocity.store(&mut d_dv[at * s + place..]);
+                    } else {
+                        columns.outboard::<ALL, _, _>(position).store(&mut turned_dq[row..]);
+                        columns.outboard::<ALL, _, _>(velocity).store(&mut turned_dv[row..]);
+                    }
                 }
-                if own == to {
-                    // All columns are the joint's own.
-                    continue;
+                if joint.parent != GROUND {
+                    let here = view.lane(Table::<T, ROWS>::start(joint.first));
+                    let d = columns.moving::<ALL, _, _>(here.vector(OFFSET));
+                    let drift = columns.moving::<ALL, _, _>(here.vector(DRIFT));
+                    inertia.moment = d.cross_add(inertia.force, inertia.moment);
+                    gyroscopic = inertia.force.cross_add(drift, gyroscopic);
                 }
-                let (change, rate) = (here.motion(POSITION_RATE), here.motion(VELOCITY_RATE));
-                // Ψ* R S + ψ* g.
-                let moment = dot_add(here.vector(PSI), gyroscopic, dot(change.angular, inertia.moment));
-                let position = moment + dot(change.linear, inertia.force);
-                // Γ* R S + s* g.
-                let mut velocity = dot(rate.angular, inertia.moment) + dot(here.vector(AXIS), gyroscopic);
-                if joint.linear {
-                    velocity = dot_add(rate.linear, inertia.force, velocity);
-                }
-                if W::COUNT == 1 {
-                    position.store(&mut d_dq[at * s + place..]);
-                    velocity.store(&mut d_dv[at * s + place..]);
-                } else {
-                    position.between(0, to).store(&mut turned_dq[row..]);
-                    velocity.between(0, to).store(&mut turned_dv[row..]);
-                }
-            }
-            if joint.parent != GROUND {
-                let here = view.lane(Table::<T, ALL>::start(joint.first));
-                let (d, drift) =
-                    (moving(here.vector(OFFSET), from, to), moving(here.vector(DRIFT), from, to));
-                inertia.moment = d.cross_add(inertia.force, inertia.moment);
-                gyroscopic = inertia.force.cross_add(drift, gyroscopic);
-            }
+            });
         }
     }
     /// Rows of the joints from the columns from place `at` on.
@@ -161,7 +162,7 @@ impl<T: Scalar> Meetings<T> {
     fn add_up<W: Wide<T>>(
         &mut self,
         places: &Places,
-        view: &mut View<'_, T, ALL>,
+        view: &mut View<'_, T, ROWS>,
         at: usize,
         mut position: Wrench<W>,
         mut velocity: Wrench<W>,
@@ -169,27 +170,31 @@ impl<T: Scalar> Meetings<T> {
         let Meetings { d_dq, d_dv, passages, .. } = self;
         let ([d_dq, d_dv], s): ([&mut [T]; 2], usize) = ([d_dq, d_dv], places.stride);
         for joint in passages.inward(places, at, W::COUNT) {
-            let (from, own, to) = joint.columns(at, W::COUNT);
-            for place in joint.first..joint.inner {
-                let here = view.lane(Table::<T, ALL>::start(place));
-                let axis = here.motion(AXIS);
-                let mut x = along(&axis, joint.linear, &position);
-                if joint.inner > joint.first + 1 && own > from {
-                    // Axes of the same joint do not turn each other's force.
-                    let f: Wrench<T> = Wrench::new(here.vector(FORCE), here.vector(FORCE + 3));
-                    let f = Wrench::new(vector(f.moment), vector(f.force));
-                    let axes = view.at(at).motion::<W>(AXIS);
-                    x -= along(&axis, joint.linear, &axes.cross_wrench(f)).between(from, own);
+            each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
+                for place in joint.first..joint.inner {
+                    let here = view.lane(Table::<T, ROWS>::start(place));
+                    let axis = here.motion(AXIS);
+                    let mut x = along(&axis, joint.linear, &position);
+                    if !ALL && joint.inner > joint.first + 1 && columns.own > columns.from {
+                        // Axes of the same joint do not turn each other's force.
+                        let f: Wrench<T> = Wrench::new(here.vector(FORCE), here.vector(FORCE + 3));
+                        let f = Wrench::new(vector(f.moment), vector(f.force));
+                        let axes = view.at(at).motion::<W>(AXIS);
+                        x -= along(&axis, joint.linear, &axes.cross_wrench(f))
+                            .between(columns.from, columns.own);
+                    }
+                    let row = place * s + at;
+                    columns.outboard::<ALL, _, _>(x).store(&mut d_dq[row..]);
+                    let x = along(&axis, joint.linear, &velocity);
+                    columns.outboard::<ALL, _, _>(x).store(&mut d_dv[row..]);
                 }
-                let row = place * s + at;
-                x.between(0, to).store(&mut d_dq[row..]);
-                along(&axis, joint.linear, &velocity).between(0, to).store(&mut d_dv[row..]);
-            }
-            if joint.parent != GROUND {
-                let d = moving(view.lane(Table::<T, ALL>::start(joint.first)).vector(OFFSET), from, to);
-                position.moment = d.cross_add(position.force, position.moment);
-                velocity.moment = d.cross_add(velocity.force, velocity.moment);
-            }
+                if joint.parent != GROUND {
+                    let here = view.lane(Table::<T, ROWS>::start(joint.first));
+                    let d = columns.moving::<ALL, _, _>(here.vector(OFFSET));
+                    position.moment = d.cross_add(position.force, position.moment);
+                    velocity.moment = d.cross_add(velocity.force, velocity.moment);
+                }
+            });
         }
     }
     /// What was turned over goes to its rows, beside what is there of the rows' own joints and of those outboard.

@@ -11,7 +11,7 @@
 
 use crate::hinge::Hinge;
 use crate::layout::{GROUND, Layout, LayoutBody, Shifts};
-use crate::places::{Group, Places, Table, View};
+use crate::places::{Group, Places, Table, View, inside, vector};
 use phipsi_spatial::wide::Wide;
 use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Sym3, Vec3, Wrench};
 
@@ -244,13 +244,59 @@ pub(crate) struct Passage {
 }
 
 impl Passage {
-    /// Of a register from place `at` on: the first column that has begun when the joint is passed, one past the last of its own, and
-    /// one past the last outboard.
+    /// The columns of a register from place `at` on, seen from here.
     #[inline(always)]
-    pub(crate) fn columns(&self, at: usize, count: usize) -> (usize, usize, usize) {
-        (self.first.saturating_sub(at), self.inner.saturating_sub(at).min(count), (self.end - at).min(count))
+    pub(crate) fn columns(&self, at: usize, count: usize) -> Columns {
+        Columns {
+            from: self.first.saturating_sub(at),
+            own: self.inner.saturating_sub(at).min(count),
+            to: (self.end - at).min(count),
+            all: self.inner <= at && self.end >= at + count,
+        }
     }
 }
+
+/// Columns of a register where a joint is passed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Columns {
+    /// The first one that has begun.
+    pub(crate) from: usize,
+    /// One past the last of the joint's own.
+    pub(crate) own: usize,
+    /// One past the last outboard.
+    pub(crate) to: usize,
+    /// True if all are of joints outboard.
+    pub(crate) all: bool,
+}
+
+impl Columns {
+    /// Zero beyond the columns that are outboard; `ALL` are.
+    #[inline(always)]
+    pub(crate) fn outboard<const ALL: bool, T: Scalar, W: Wide<T>>(&self, x: W) -> W {
+        if ALL { x } else { x.between(0, self.to) }
+    }
+    /// What a joint moves columns by, and zero in those that do not move; `ALL` do.
+    #[inline(always)]
+    pub(crate) fn moving<const ALL: bool, T: Scalar, W: Wide<T>>(&self, d: Vec3<T>) -> Vec3<W> {
+        let d = vector::<T, W>(d);
+        if ALL { d } else { inside(d, self.from, self.to) }
+    }
+}
+
+/// A step with the columns of a joint, in a copy of its own where all are outboard.
+macro_rules! each_way {
+    ($columns:expr, |$name:ident, $ALL:ident| $step:expr) => {
+        let $name = $columns;
+        if $name.all {
+            const $ALL: bool = true;
+            $step;
+        } else {
+            const $ALL: bool = false;
+            $step;
+        }
+    };
+}
+pub(crate) use each_way;
 
 /// The joints of a tree, as columns pass them.
 #[derive(Clone, Debug)]

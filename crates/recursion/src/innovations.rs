@@ -12,17 +12,17 @@
 
 use crate::articulated_sweep::{ArticulatedSweep, Pivot};
 use crate::error::DynamicsError;
-use crate::ground_axes::{self, AXIS, OFFSET, Passages};
+use crate::ground_axes::{self, AXIS, Columns, OFFSET, Passages, along, each_way};
 use crate::hinge::combine;
 use crate::layout::{GROUND, Layout, Shifts};
-use crate::places::{Aligned, Places, Table, View, inside, moving, vector};
+use crate::places::{Aligned, Places, Table, View, inside, vector};
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{Scalar, Wrench};
 
 mod columns;
 mod products;
 
-use columns::Columns;
+use columns::ColumnSweeps;
 use products::Products;
 
 /// Rows of the gain K of a degree of freedom.
@@ -40,24 +40,33 @@ pub(crate) struct Innovations<T> {
     gains: Table<T, GAINS>,
     products: Products<T>,
     /// Where products with M⁻¹ take more time than sweeps over the columns.
-    columns: Option<Columns<T>>,
+    columns: Option<ColumnSweeps<T>>,
 }
 
 impl<T: Scalar> Innovations<T> {
     /// A workspace for a layout.
     pub(crate) fn new(layout: &Layout<T::Constant>, places: &Places) -> Self {
+        Self::with(layout, places, Products::new(places, false), None)
+    }
+    /// For products with M⁻¹, too.
+    pub(crate) fn with_products(layout: &Layout<T::Constant>, places: &Places) -> Self {
+        let columns = ColumnSweeps::new(layout, places);
+        Self::with(layout, places, Products::new(places, columns.is_none()), columns)
+    }
+    fn with(
+        layout: &Layout<T::Constant>,
+        places: &Places,
+        products: Products<T>,
+        columns: Option<ColumnSweeps<T>>,
+    ) -> Self {
         Innovations {
             passages: Passages::new::<T>(layout, places),
             operator: places.zeros(),
             inverse: vec![T::zero(); places.count],
             gains: Table::new(places),
-            products: Products::new(places),
-            columns: None,
+            products,
+            columns,
         }
-    }
-    /// For products with M⁻¹, too.
-    pub(crate) fn with_products(layout: &Layout<T::Constant>, places: &Places) -> Self {
-        Innovations { columns: Columns::new(layout, places), ..Self::new(layout, places) }
     }
     /// Takes the pivots of an articulated sweep and the bodies of the same configuration in the axes of the ground. Cost
     /// O(n · depth), no allocation.
@@ -85,38 +94,39 @@ impl<T: Scalar> Innovations<T> {
         while at < places.count {
             let mut z: Wrench<W> = gains.at(at).wrench(GAIN);
             for joint in passages.inward(places, at, W::COUNT) {
-                let (from, own, to) = joint.columns(at, W::COUNT);
-                let several = joint.inner > joint.first + 1;
-                for place in joint.first..joint.inner {
-                    let axis = bodies.lane(Table::<T, N>::start(place)).motion(AXIS);
-                    let gain = gains.lane(Table::<T, GAINS>::start(place)).motion(GAIN);
-                    let mut innovation = -ground_axes::along::<T, W>(&axis, joint.linear, &z);
-                    if several {
-                        innovation = innovation.between(from, to);
-                        // Axes of the joint that come after this one have no innovation here.
-                        let later = place.saturating_sub(at).min(W::COUNT);
-                        innovation -= innovation.between(later, own.max(later));
-                    } else {
-                        innovation = innovation.between(own, to);
+                each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
+                    let several = joint.inner > joint.first + 1;
+                    for place in joint.first..joint.inner {
+                        let axis = bodies.lane(Table::<T, N>::start(place)).motion(AXIS);
+                        let gain = gains.lane(Table::<T, GAINS>::start(place)).motion(GAIN);
+                        let mut innovation = -along::<T, W>(&axis, joint.linear, &z);
+                        if !ALL && several {
+                            innovation = innovation.between(columns.from, columns.to);
+                            // Axes of the joint that come after this one have no innovation here.
+                            let later = place.saturating_sub(at).min(W::COUNT);
+                            innovation -= innovation.between(later, columns.own.max(later));
+                        } else if !ALL {
+                            innovation = innovation.between(columns.own, columns.to);
+                        }
+                        z.moment = vector::<T, W>(gain.angular).scale_add(innovation, z.moment);
+                        z.force = vector::<T, W>(gain.linear).scale_add(innovation, z.force);
+                        innovation.store(&mut operator[place * s + at..]);
                     }
-                    z.moment = vector::<T, W>(gain.angular).scale_add(innovation, z.moment);
-                    z.force = vector::<T, W>(gain.linear).scale_add(innovation, z.force);
-                    innovation.store(&mut operator[place * s + at..]);
-                }
-                if joint.parent == GROUND {
-                    continue;
-                }
-                let d = bodies.lane(Table::<T, N>::start(joint.first)).vector(OFFSET);
-                if joint.free {
-                    // G = I: the joint passes its own force and nothing of what comes from outboard.
-                    let (d, axes) = (vector::<T, W>(d), bodies.at(at).motion::<W>(AXIS));
-                    let passed = Wrench::new(d.cross_add(axes.linear, axes.angular), axes.linear);
-                    z.moment = z.moment - inside(z.moment, from, to) + inside(passed.moment, from, own);
-                    z.force = z.force - inside(z.force, from, to) + inside(passed.force, from, own);
-                } else {
-                    let d = moving::<T, W>(d, from, to);
-                    z.moment = d.cross_add(z.force, z.moment);
-                }
+                    if joint.parent == GROUND {
+                        continue;
+                    }
+                    let d = bodies.lane(Table::<T, N>::start(joint.first)).vector(OFFSET);
+                    if joint.free {
+                        // G = I: the joint passes its own force and nothing of what comes from outboard.
+                        let Columns { from, own, to, .. } = columns;
+                        let (d, axes) = (vector::<T, W>(d), bodies.at(at).motion::<W>(AXIS));
+                        let passed = Wrench::new(d.cross_add(axes.linear, axes.angular), axes.linear);
+                        z.moment = z.moment - inside(z.moment, from, to) + inside(passed.moment, from, own);
+                        z.force = z.force - inside(z.force, from, to) + inside(passed.force, from, own);
+                    } else {
+                        z.moment = columns.moving::<ALL, _, _>(d).cross_add(z.force, z.moment);
+                    }
+                });
             }
             at += W::COUNT;
         }

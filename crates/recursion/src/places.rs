@@ -349,10 +349,3 @@ pub(crate) fn vector<T: Scalar, W: Wide<T>>(v: Vec3<T>) -> Vec3<W> {
 pub(crate) fn inside<T: Scalar, W: Wide<T>>(v: Vec3<W>, from: usize, to: usize) -> Vec3<W> {
     Vec3([v.0[0].between(from, to), v.0[1].between(from, to), v.0[2].between(from, to)])
 }
-
-/// What a joint moves columns by, and zero in those that do not move: before column `from`, and from `to` on.
-#[inline(always)]
-pub(crate) fn moving<T: Scalar, W: Wide<T>>(d: Vec3<T>, from: usize, to: usize) -> Vec3<W> {
-    let d = vector::<T, W>(d);
-    if from == 0 && to == W::COUNT { d } else { inside(d, from, to) }
-}

@@ -25,7 +25,7 @@ const SIDE: usize = 4;
 
 /// Room for the sweeps.
 #[derive(Clone, Debug)]
-pub(super) struct Columns<T> {
+pub(super) struct ColumnSweeps<T> {
     /// ε of every place.
     innovations: Vec<T>,
     /// z, then λ, of the bodies with several children.
@@ -34,7 +34,7 @@ pub(super) struct Columns<T> {
     branch: Vec<usize>,
 }
 
-impl<T: Scalar> Columns<T> {
+impl<T: Scalar> ColumnSweeps<T> {
     /// Where sweeps take less time.
     pub(super) fn new(layout: &Layout<T::Constant>, places: &Places) -> Option<Self> {
         let bodies = layout.bodies();
@@ -54,7 +54,7 @@ impl<T: Scalar> Columns<T> {
             count.saturating_sub(1)
         };
         let branch = layout.bodies().iter().map(|b| number(b.children > 1)).collect();
-        Columns {
+        ColumnSweeps {
             innovations: vec![T::zero(); places.count * SIDE * T::COLUMNS],
             branches: vec![T::zero(); count * 6 * SIDE * T::COLUMNS],
             branch,
@@ -163,7 +163,7 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
     bodies: &mut View<'_, T, N>,
     gains: &mut Table<T, GAINS>,
     passages: &Passages,
-    columns: &mut Columns<T>,
+    columns: &mut ColumnSweeps<T>,
     b: [&[T]; 2],
     at: usize,
 ) {
@@ -219,7 +219,7 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
     bodies: &mut View<'_, T, N>,
     gains: &mut Table<T, GAINS>,
     (inverse, passages): (&[T], &Passages),
-    columns: &mut Columns<T>,
+    columns: &mut ColumnSweeps<T>,
     out: &mut [&mut [T]; 2],
     at: usize,
 ) {
@@ -247,15 +247,19 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
             with_axis!(bodies, gains, passages, place, |axis, gain, LINEAR| {
                 let (moment, force) = (vector::<T, W>(gain.moment), vector::<T, W>(gain.force));
                 let (angular, along) = (vector::<T, W>(-axis.angular), vector::<T, W>(-axis.linear));
+                let mut x = [W::zero(); C];
                 for c in 0..C {
                     let innovation = W::load(&kept[c * W::COUNT..]);
                     let seen = moment.dot(lambda[c].angular) + force.dot(lambda[c].linear);
-                    let x = innovation.fma(pivot, seen);
-                    lambda[c].angular = angular.scale_add(x, lambda[c].angular);
+                    x[c] = innovation.fma(pivot, seen);
+                    lambda[c].angular = angular.scale_add(x[c], lambda[c].angular);
                     if LINEAR {
-                        lambda[c].linear = along.scale_add(x, lambda[c].linear);
+                        lambda[c].linear = along.scale_add(x[c], lambda[c].linear);
                     }
-                    places.write(place, at + c / 2 * W::COUNT, -x, out[c % 2]);
+                }
+                // Apart from the sums, which would go through memory otherwise.
+                for c in 0..C {
+                    places.write_rows(place, at + c / 2 * W::COUNT, [-x[c]], out[c % 2]);
                 }
             });
         }
@@ -270,6 +274,7 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
 impl<T: Scalar> Innovations<T> {
     /// By sweeps or by products, whichever takes less time.
     pub(crate) fn choose(&mut self, layout: &Layout<T::Constant>, places: &Places, sweeps: bool) {
-        self.columns = sweeps.then(|| Columns::always(layout, places));
+        self.columns = sweeps.then(|| ColumnSweeps::always(layout, places));
+        self.products = super::Products::new(places, !sweeps);
     }
 }

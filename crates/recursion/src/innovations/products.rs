@@ -22,7 +22,7 @@ pub(super) struct Products<T> {
     related: Vec<Ranges>,
     /// For every group of rows of M⁻¹: places on their ways.
     inboard: Vec<Ranges>,
-    /// M⁻¹, by places.
+    /// M⁻¹, by places, where it is read again.
     inverse: Aligned<T>,
     /// Numbers in a row of a panel.
     width: usize,
@@ -46,7 +46,8 @@ const fn rows_of_inverse<T: Scalar>() -> usize {
 }
 
 impl<T: Scalar> Products<T> {
-    pub(super) fn new(places: &Places) -> Self {
+    /// For M⁻¹, and for products with it if `solves`.
+    pub(super) fn new(places: &Places, solves: bool) -> Self {
         let (width, count, margin) = (SIDE * T::COLUMNS, places.count, places.margin);
         // The first place of a place's joint, and one past the last place outboard.
         let mut joint: Vec<(usize, usize)> = (0..count).map(|p| (p, p)).collect();
@@ -55,7 +56,7 @@ impl<T: Scalar> Products<T> {
         }
         let inboard_of = |c: usize, p: usize| joint[c].0 <= p && p < joint[c].1;
         let panels = (Places::group(margin, T::COLUMNS)..count).step_by(width);
-        let related = panels.map(|left| {
+        let related = panels.take_while(|_| solves).map(|left| {
             let panel = left.max(margin)..(left + width).min(count);
             ranges(count, |c| panel.clone().any(|p| inboard_of(c, p) || inboard_of(p, c)))
         });
@@ -64,7 +65,9 @@ impl<T: Scalar> Products<T> {
             let rows = row.max(margin)..row + rows;
             ranges(count, |c| rows.clone().any(|r| inboard_of(c, r)))
         });
-        Products { related: related.collect(), inboard: inboard.collect(), inverse: places.zeros(), width }
+        let kept = solves || !places.in_order();
+        let inverse = if kept { places.zeros() } else { Aligned::new(0) };
+        Products { related: related.collect(), inboard: inboard.collect(), inverse, width }
     }
 }
 
@@ -181,13 +184,15 @@ fn put_tile<T: Scalar, W: Wide<T>, const DIAGONAL: bool>(
     each_place!(W, I => tile[I] = rows[I]);
     let mut below = tile;
     W::transpose(&mut below);
-    each_place!(W, I => {
-        if !DIAGONAL {
-            tile[I].store(&mut inverse[(top + I) * s + at..]);
-        }
-        let x = if DIAGONAL { below[I].up_to(I, tile[I]) } else { below[I] };
-        x.store(&mut inverse[(at + I) * s + top..]);
-    });
+    if !inverse.is_empty() {
+        each_place!(W, I => {
+            if !DIAGONAL {
+                tile[I].store(&mut inverse[(top + I) * s + at..]);
+            }
+            let x = if DIAGONAL { below[I].up_to(I, tile[I]) } else { below[I] };
+            x.store(&mut inverse[(at + I) * s + top..]);
+        });
+    }
     if places.in_order() {
         places.write_tile::<T, W, DIAGONAL>(tile, top, at, out);
     }
