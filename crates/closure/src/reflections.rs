@@ -204,11 +204,14 @@ impl<T: Scalar> Step<'_, T> {
             dot = scale_add(*v, columns(row, at), dot);
         }
         let first: [T; C] = columns(self.first, at);
-        let sums = scale_add(self.scale, dot, first).map(|x| x * self.beta);
-        let change = sums.map(|x| -(x * self.scale));
+        let sums = multiply(scale_add(self.scale, dot, first), [self.beta; C]);
+        let change = multiply(sums, [-self.scale; C]);
         self.first[at..at + C].copy_from_slice(&scale_add(-T::splat(1.0), sums, first));
         // Zero below the head, whatever rounding leaves there.
-        let keep: [T; C] = core::array::from_fn(|i| T::splat(f64::from(at + i != self.pivot)));
+        let mut keep = [T::splat(1.0); C];
+        for (i, keep) in keep.iter_mut().enumerate() {
+            *keep = T::splat(f64::from(at + i != self.pivot));
+        }
         let mut squares = [T::zero(); C];
         for (v, row) in self.v.iter().zip(self.lower.chunks_exact_mut(self.width)) {
             let left = multiply(scale_add(*v, change, columns(row, at)), keep);

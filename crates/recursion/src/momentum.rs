@@ -228,8 +228,8 @@ kernel! {
         }
         for root in &center.roots {
             let (mass, Vec3([x, y, z])) = center.sum(root.pose.translation);
-            let axes = [0, 1, 2].map(|i| root.pose.rotation.column(i));
-            frames[root.body] = (axes, -Vec3([x / mass, y / mass, z / mass]));
+            let axes = |i: usize| root.pose.rotation.column(i);
+            frames[root.body] = ([axes(0), axes(1), axes(2)], -Vec3([x / mass, y / mass, z / mass]));
         }
         let nv = layout.nv();
         let mut previous = ([Vec3::zero(); 3], Vec3::zero());

@@ -10,8 +10,9 @@
 //! | [`Level::Scalar`] | 1 | all; without a fused instruction each costs a library call, some ten times more |
 //!
 //! A kernel is entered through [`crate::Scalar::dispatch`], which compiles it for the instructions of its scalar;
-//! everything between there and the operators is inlined. The types with lanes have no public name: a value of them
-//! exists only inside [`at_level`], after the processor was asked.
+//! everything between there and the operators is inlined. A closure that `map` or `from_fn` of arrays is given may not be: it is then
+//! compiled for any processor, and slower by a factor of ten, so that kernels have loops instead. The types with lanes have no public
+//! name: a value of them exists only inside [`at_level`], after the processor was asked.
 
 // The one place with unsafe code: intrinsics, and one view of f64 as Fused.
 #![allow(unsafe_code)]

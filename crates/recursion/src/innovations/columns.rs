@@ -65,8 +65,11 @@ impl<T: Scalar> ColumnSweeps<T> {
 /// Six numbers of `C` registers, kept.
 #[inline(always)]
 fn load<T: Scalar, W: Wide<T>, const C: usize>(kept: &[T]) -> [[W; 6]; C] {
-    let mut numbers = kept.chunks_exact(W::COUNT).map(W::load);
-    core::array::from_fn(|_| core::array::from_fn(|_| numbers.next().unwrap_or(W::zero())))
+    let mut numbers = [[W::zero(); 6]; C];
+    for (x, kept) in numbers.as_flattened_mut().iter_mut().zip(kept.chunks_exact(W::COUNT)) {
+        *x = W::load(kept);
+    }
+    numbers
 }
 
 #[inline(always)]
@@ -176,7 +179,12 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
         match body.children {
             0 => z = [Wrench::zero(); C],
             1 => (),
-            _ => z = load::<T, W, C>(&columns.branches[columns.branch[k] * size..][..size]).map(wrench),
+            _ => {
+                let kept = &columns.branches[columns.branch[k] * size..][..size];
+                for (z, kept) in z.iter_mut().zip(load::<T, W, C>(kept)) {
+                    *z = wrench(kept);
+                }
+            }
         }
         for place in first..inner {
             let kept = &mut columns.innovations[place * SIDE * T::COLUMNS..][..SIDE * T::COLUMNS];
@@ -201,11 +209,12 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
         }
         if layout.bodies()[body.parent].children > 1 {
             let kept = &mut columns.branches[columns.branch[body.parent] * size..][..size];
-            let mut sum = load::<T, W, C>(kept).map(wrench);
+            let mut sum = load::<T, W, C>(kept);
             for (sum, z) in sum.iter_mut().zip(z) {
-                *sum += z;
+                let z = wrench(*sum) + z;
+                *sum = numbers(z.moment, z.force);
             }
-            store::<T, W, C>(sum.map(|z| numbers(z.moment, z.force)), kept);
+            store::<T, W, C>(sum, kept);
         }
     }
 }
@@ -233,8 +242,9 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
         } else {
             if !body.follows_parent(k) {
                 let kept = &columns.branches[columns.branch[body.parent] * size..][..size];
-                lambda = load::<T, W, C>(kept)
-                    .map(|[a, b, c, d, e, f]| Motion::new(Vec3([a, b, c]), Vec3([d, e, f])));
+                for (lambda, [a, b, c, d, e, f]) in lambda.iter_mut().zip(load::<T, W, C>(kept)) {
+                    *lambda = Motion::new(Vec3([a, b, c]), Vec3([d, e, f]));
+                }
             }
             let d = vector::<T, W>(bodies.at(first).vector(OFFSET));
             for lambda in &mut lambda {
@@ -265,7 +275,11 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
         }
         if body.children > 1 {
             let kept = &mut columns.branches[columns.branch[k] * size..][..size];
-            store::<T, W, C>(lambda.map(|x| numbers(x.angular, x.linear)), kept);
+            let mut all = [[W::zero(); 6]; C];
+            for (all, x) in all.iter_mut().zip(lambda) {
+                *all = numbers(x.angular, x.linear);
+            }
+            store::<T, W, C>(all, kept);
         }
     }
 }

@@ -138,7 +138,11 @@ impl<T: Scalar> Innovations<T> {
             let sums = sums::<T, W, G>((inverse, s, row), related, b, at);
             for (sums, out) in sums.into_iter().zip(out.iter_mut()) {
                 for (g, sums) in sums.into_iter().enumerate() {
-                    places.write_rows(row, at + g * W::COUNT, sums.map(|x| -x), out);
+                    let mut negative = sums;
+                    for x in &mut negative {
+                        *x = -*x;
+                    }
+                    places.write_rows(row, at + g * W::COUNT, negative, out);
                 }
             }
         }

@@ -258,8 +258,8 @@ impl<T: Scalar> Passage<'_, T> {
     #[inline(always)]
     pub(crate) fn axes_to_child(&self, axes: [Vec3<T>; 3]) -> ([Vec3<T>; 3], Vec3<T>) {
         let Some(x) = self.general else { return self.body.link.axes_to_child(self.shift, axes) };
-        let [a, b, c] = [0, 1, 2].map(|i| x.rotation.column(i));
-        ([combine(&axes, a), combine(&axes, b), combine(&axes, c)], combine(&axes, x.translation))
+        let own = |i: usize| combine(&axes, x.rotation.column(i));
+        ([own(0), own(1), own(2)], combine(&axes, x.translation))
     }
     /// φ M φ*.
     #[inline(always)]

@@ -166,7 +166,10 @@ impl<T: Real> Rows<T> {
         let v0 = lead - rho;
         // β = 2/‖v‖² = −1/(ρ v₀).
         let beta = -(rho * v0).recip();
-        let mut w = rows[0].map(|x| x * v0);
+        let mut w = rows[0];
+        for x in &mut w {
+            *x *= v0;
+        }
         (w[7], w[8]) = (w[7].abs(), w[8].abs());
         for row in &rows[1..] {
             let v = row[column];
@@ -177,7 +180,9 @@ impl<T: Real> Rows<T> {
                 w[j] += v.abs() * row[j];
             }
         }
-        w = w.map(|x| x * beta);
+        for x in &mut w {
+            *x *= beta;
+        }
         for (i, row) in rows.iter_mut().enumerate() {
             let v = if i == 0 { v0 } else { row[column] };
             for j in 0..7 {
