@@ -104,14 +104,14 @@ impl Shape {
             nodes.len() > 10 && apart(&nodes[nodes.len() - 1], &nodes[0]) < apart(&nodes[1], &nodes[0])
         };
         let is_end = |nodes: &[Node]| is_round(nodes) || !is_inside(&nodes[nodes.len() - 1].x);
-        let mut nodes = self.walk(STEP, &is_end);
+        let mut nodes = self.walk(STEP, is_end);
         if is_round(&nodes) {
             let seam = (apart(&nodes[nodes.len() - 1], &nodes[0]) / apart(&nodes[1], &nodes[0])).sqrt();
             nodes.push(nodes[0].clone());
             return Curve { nodes, seam: Some(seam) };
         }
         nodes.reverse();
-        nodes.extend(self.walk(-STEP, &is_end).into_iter().skip(1));
+        nodes.extend(self.walk(-STEP, is_end).into_iter().skip(1));
         Curve { nodes, seam: None }
     }
 
