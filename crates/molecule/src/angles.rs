@@ -25,7 +25,8 @@ pub enum Angles {
     Rigid,
     /// One at every hinge that turns, at its end towards the base: between the bond and the one before it.
     AtHinges,
-    /// These: h, i, j with bonds h–i and i–j. A bond i–j that was no hinge becomes one.
+    /// These: h, i, j with bonds h–i and i–j. A bond i–j that was no hinge becomes one. Of a small flexible ring that has one of them
+    /// the listed ones are all that open.
     Listed(Vec<[usize; 3]>),
 }
 
@@ -74,7 +75,11 @@ impl Clusters {
                 }
             }
         }
-        for ring in small {
+        let is_listed = |ring: &[usize]| {
+            let Angles::Listed(list) = angles else { return false };
+            list.iter().any(|angle| angle.iter().all(|i| ring.contains(i)))
+        };
+        for ring in small.iter().filter(|ring| !is_listed(ring)) {
             self.open_ring(atoms, positions, &order, ring);
         }
         if *angles == Angles::AtHinges {

@@ -32,6 +32,15 @@ pub struct HingeBond {
     pub bend: Option<Bend>,
 }
 
+impl HingeBond {
+    /// The open angle h–i–j at it: i–j is the hinge, h rests in the cluster of i.
+    pub fn open_angle(&self) -> Option<[usize; 3]> {
+        let Bend { reference, center } = self.bend?;
+        let other = if self.atoms[0] == center { self.atoms[1] } else { self.atoms[0] };
+        Some([reference, center, other])
+    }
+}
+
 /// A hinge that was asked for and does not turn.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LockedHinge {

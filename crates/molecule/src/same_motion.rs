@@ -30,8 +30,7 @@ const OFF: f64 = 1e-9;
 /// O(atoms).
 ///
 /// # Errors
-/// [`MoleculeErrors`]: lengths; hinges of the first model that the second one has not; hinges of the second that bend and turn, whose
-/// coordinates are not found from positions.
+/// [`MoleculeErrors`]: lengths; hinges or open angles of the first model that the second one has not.
 pub fn same_motion(
     from: &TorsionModel,
     q: &[f64],
@@ -45,13 +44,11 @@ pub fn same_motion(
     let (mut found, off) = to.coordinates(&old.positions).map_err(|e| failed(&e))?;
     if off.is_nan() || off > OFF {
         let found = format!("positions that are off by {off:.1e} nm");
-        let required =
-            "clusters of the second model within those of the first, and no hinge that bends and turns";
         return Err(MoleculeErrors(vec![MoleculeError::new(
             "clusters",
             found,
-            required,
-            "give the second model all hinges of the first",
+            "clusters of the second model within those of the first",
+            "give the second model all hinges and open angles of the first",
         )]));
     }
     for k in model.moving_joints() {
@@ -63,10 +60,11 @@ pub fn same_motion(
                     own.iter_mut().for_each(|x| *x = -*x);
                 }
             }
-            _ if range.len() == 1 => {
-                let turns = (near[range.start] - found[range.start]) / TAU;
-                if (near[range.start] - found[range.start]).abs() > PI {
-                    found[range.start] += TAU * turns.round();
+            JointKind::Continuous { .. } | JointKind::Universal { .. } => {
+                for i in range {
+                    if (near[i] - found[i]).abs() > PI {
+                        found[i] += TAU * ((near[i] - found[i]) / TAU).round();
+                    }
                 }
             }
             _ => {}

@@ -1,6 +1,9 @@
-//! Coordinates from positions: the pose of each base by superposition, then angle after angle outward.
+//! Coordinates from positions: the pose of each base by superposition, then hinge after hinge outward.
+//!
+//! A hinge that bends and turns is two axes of the layout, the first of a body without atoms: R = R(z, q₁) R(a, q₂) takes the atoms
+//! beyond to their places, and R a = R(z, q₁) a has q₁.
 
-use crate::torsion_model::{Site, TorsionModel, check};
+use crate::torsion_model::{Mark, Site, TorsionModel, check};
 use nalgebra::{Matrix4, SymmetricEigen};
 use phipsi_recursion::DynamicsError;
 use phipsi_recursion::hinge::Hinge;
@@ -9,12 +12,13 @@ use phipsi_spatial::{Quaternion, Transform, Vec3};
 
 impl TorsionModel {
     /// The configuration whose positions are nearest, cluster by cluster from the bases outward, and the largest distance
-    /// (nm) that an atom is then away: zero but for rounding where positions differ from the reference by torsions and
+    /// (nm) that an atom is then away: zero but for rounding where positions differ from the reference by torsions, bends and
     /// motions of whole molecules, infinite where a position is not finite. Angles are in (−π, π]. Cost O(atoms).
     ///
     /// # Method
-    /// Bases: least squares over the base's atoms and the far ends of its hinges (Horn 1987). Hinges: the angle of least
-    /// squares about the axis of the frame reached so far.
+    /// Bases: least squares over the base's atoms, the far ends of its hinges, and normals of its open angles (Horn 1987). Hinges:
+    /// the angle of least squares about the axis of the frame reached so far; where they bend and turn, about the first axis by the
+    /// rotation of least squares of what lies beyond.
     ///
     /// # Errors
     /// [`DynamicsError::Shape`].
@@ -29,21 +33,38 @@ impl TorsionModel {
                 parent => world[parent].compose(&body.placement()),
             };
             let inward = frame.inverse();
-            let pairs = || {
-                let sites = self.sites[k].iter().chain(&self.far[k]);
-                sites.map(|s: &Site| (s.place, inward.point(positions[s.atom])))
+            let pairs_of = |k: usize| {
+                let sites =
+                    self.sites[k].iter().chain(&self.far[k]).map(|s: &Site| (s.place, positions[s.atom]));
+                let marks = self.marks[k].iter().map(|m| (m.place, Mark::point(m.atoms, positions)));
+                // An angle that is straight has no normal.
+                let marks = marks.filter(|(_, to)| to.0.iter().all(|x| x.is_finite()));
+                sites.chain(marks).map(|(from, to)| (from, inward.point(to)))
             };
-            match body.hinge {
-                Hinge::Translation => {
+            let pairs = || pairs_of(k);
+            let beyond = match pairs().next() {
+                None => self.layout.bodies().iter().position(|body| body.parent == k),
+                Some(_) => None,
+            };
+            match (body.hinge, beyond) {
+                (Hinge::Translation, _) => {
                     let moved = pairs().next().map_or(Vec3::zero(), |(from, to)| to - from);
                     q[body.q..body.q + 3].copy_from_slice(&moved.0);
                 }
-                Hinge::Free => {
+                (Hinge::Free, _) => {
                     let (rotation, moved) = superposition(pairs);
                     q[body.q..body.q + 3].copy_from_slice(&moved.0);
                     q[body.q + 3..body.q + 7].copy_from_slice(&rotation.0);
                 }
-                _ => {
+                (_, Some(beyond)) => {
+                    let placed = self.layout.bodies()[beyond].placement();
+                    let (rotation, _) = superposition(|| pairs_of(beyond).map(|(x, y)| (placed.point(x), y)));
+                    let axis = placed.rotation.column(2);
+                    let turned = rotation.to_rotation() * axis;
+                    let cosine = axis.0[0] * turned.0[0] + axis.0[1] * turned.0[1];
+                    q[body.q] = axis.cross(turned).0[2].atan2(cosine);
+                }
+                (_, None) => {
                     let (mut sine, mut cosine) = (0.0, 0.0);
                     for (from, to) in pairs() {
                         sine += from.cross(to).0[2];

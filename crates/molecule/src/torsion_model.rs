@@ -10,7 +10,6 @@
 //! | clusters and hinges, or one rigid cluster | free, 6; the root is the cluster whose heaviest branch is lightest |
 //! | all atoms on one line, nothing to turn | free with a still axis, 5 (`lines.rs`) |
 
-use crate::angles::Bend;
 use crate::atoms::{Atoms, MoleculeError, MoleculeErrors};
 use crate::clusters::{Clusters, HingeBond};
 use crate::force_field::RigidGroups;
@@ -30,6 +29,23 @@ pub(crate) struct Site {
     pub(crate) place: Vec3<f64>,
 }
 
+/// The normal of an open angle h–i–j, which is at rest in the cluster of i as j is not: a point at the distance [`Mark::AWAY`] from i.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Mark {
+    pub(crate) atoms: [usize; 3],
+    pub(crate) place: Vec3<f64>,
+}
+
+impl Mark {
+    /// nm; that of a bond.
+    const AWAY: f64 = 0.1;
+
+    /// Where it is.
+    pub(crate) fn point([h, i, j]: [usize; 3], positions: &[Vec3<f64>]) -> Vec3<f64> {
+        positions[i] + normal(positions, [h, i, j]).scale(Self::AWAY)
+    }
+}
+
 /// The torsion model of molecules.
 #[derive(Clone, Debug)]
 pub struct TorsionModel {
@@ -43,6 +59,8 @@ pub struct TorsionModel {
     pub(crate) sites: Vec<Vec<Site>>,
     /// Atoms of other bodies that are at rest in this one: the far ends of its hinges.
     pub(crate) far: Vec<Vec<Site>>,
+    /// Normals of the open angles that are at rest in each layout body.
+    pub(crate) marks: Vec<Vec<Mark>>,
     /// The degree of freedom of each hinge: its torsion, or its bend where it does not turn.
     hinges: Vec<usize>,
     /// The degree of freedom of each hinge's bend, and the angle at q = 0.
@@ -169,7 +187,7 @@ impl TorsionModel {
                 turns[h] = hinges[h] + if both { 1 - first } else { 0 };
             }
         }
-        let angle = |h: &HingeBond| h.bend.map(|b| angle(positions, h, b));
+        let angle = |h: &HingeBond| h.open_angle().map(|atoms| angle(positions, atoms));
         let angles = clusters.hinges.iter().map(angle).collect();
         let layout = Layout::new(&model.clone().without_closures());
         let mut sites = vec![Vec::new(); layout.len()];
@@ -188,6 +206,13 @@ impl TorsionModel {
                 far[body].push(site);
             }
         }
+        let mut marks = vec![Vec::new(); layout.len()];
+        for atoms in clusters.hinges.iter().filter_map(HingeBond::open_angle) {
+            let cluster = clusters.cluster_of[atoms[1]];
+            let carrier = &layout.carriers()[bodies[cluster]];
+            let place = carrier.pose.point(Mark::point(atoms, positions) - origins[cluster]);
+            marks[carrier.body].push(Mark { atoms, place });
+        }
         let rank = rank(&model)?;
         let hinges = turns;
         let atoms = atoms.clone();
@@ -199,6 +224,7 @@ impl TorsionModel {
             bodies,
             sites,
             far,
+            marks,
             hinges,
             bends,
             angles,
@@ -395,11 +421,10 @@ pub(crate) fn check(argument: &'static str, found: usize, expected: usize) -> Re
 /// The joint of a hinge between an inboard and an outboard atom: in the outboard one, or in the atom of an open angle.
 fn hinge_joint(positions: &[Vec3<f64>], hinge: &HingeBond, [inboard, outboard]: [usize; 2]) -> JointKind {
     let along = (positions[outboard] - positions[inboard]).0;
-    let Some(Bend { reference, center }) = hinge.bend else { return JointKind::Continuous { axis: along } };
-    let other = if center == inboard { outboard } else { inboard };
-    let (to_h, to_j) = (positions[reference] - positions[center], positions[other] - positions[center]);
-    let normal = to_h.cross(to_j);
-    let normal = normal.scale(1.0 / normal.norm());
+    let Some([reference, center, other]) = hinge.open_angle() else {
+        return JointKind::Continuous { axis: along };
+    };
+    let normal = normal(positions, [reference, center, other]);
     // The angle grows as j turns away from h, or h from j.
     let bend = if center == inboard { normal.0 } else { (-normal).0 };
     match (hinge.turns, center == inboard) {
@@ -409,11 +434,15 @@ fn hinge_joint(positions: &[Vec3<f64>], hinge: &HingeBond, [inboard, outboard]: 
     }
 }
 
+/// The unit normal of the plane of an angle.
+fn normal(positions: &[Vec3<f64>], [h, i, j]: [usize; 3]) -> Vec3<f64> {
+    let normal = (positions[h] - positions[i]).cross(positions[j] - positions[i]);
+    normal.scale(1.0 / normal.norm())
+}
+
 /// θ of an open angle.
-fn angle(positions: &[Vec3<f64>], hinge: &HingeBond, bend: Bend) -> f64 {
-    let other = if hinge.atoms[0] == bend.center { hinge.atoms[1] } else { hinge.atoms[0] };
-    let (u, w) =
-        (positions[bend.reference] - positions[bend.center], positions[other] - positions[bend.center]);
+fn angle(positions: &[Vec3<f64>], [h, i, j]: [usize; 3]) -> f64 {
+    let (u, w) = (positions[h] - positions[i], positions[j] - positions[i]);
     u.cross(w).norm().atan2(u.dot(w))
 }
 

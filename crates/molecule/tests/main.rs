@@ -10,6 +10,7 @@ mod multiple_steps;
 mod nve;
 mod pair_sums;
 mod recluster;
+mod ring_densities;
 mod rings;
 mod straight;
 mod torsion_model;

@@ -1,10 +1,11 @@
 //! Freeze and thaw: identities of the projection, the energy ledger, and the distribution of what is drawn.
 
 use crate::common::molecule;
+use phipsi_closure::{ClosedDynamics, Conditions};
 use phipsi_molecule::deviates::Deviates;
 use phipsi_molecule::{
-    BOLTZMANN, BondKind, Clustering, Clusters, ForceField, MolecularForces, Reclustered, Rings, TorsionModel,
-    draw_velocities, recluster,
+    Angles, BOLTZMANN, BondKind, Clustering, Clusters, ForceField, MolecularForces, Reclustered, Rings,
+    TorsionModel, draw_velocities, recluster, same_motion,
 };
 use phipsi_motion::{Conservative, Midpoint};
 use phipsi_recursion::ArticulatedSweep;
@@ -202,6 +203,68 @@ fn a_run_goes_on_with_other_clusters() {
     let mut method = Midpoint::new(torsion.model(), &mut forces, t, &frozen.q, &frozen.v).unwrap();
     assert!((energy(&mut method) - (before - ledger.removed)).abs() < 1e-9);
     assert!(run(&mut method, &mut forces) < 0.02);
+}
+
+/// Bends and torsions of universal hinges from positions: whatever they are, of chains and of rings.
+#[test]
+fn bends_are_found_from_positions() {
+    let angles = Clustering { angles: Angles::AtHinges, ..Clustering::default() };
+    let ring = Clustering { angles: Angles::AtHinges, ..flexible() };
+    for (name, clustering) in [("aladi", &angles), ("met_enkephalin", &angles), ("ace_pro_nme", &ring)] {
+        let (torsion, _) = model(name, clustering);
+        assert!(torsion.clusters().bends() > 2);
+        let model = torsion.model();
+        for seed in 0..10 {
+            // Torsions of any size, and angles that stay between 0 and π.
+            let x: Vec<f64> = (0..model.nv()).map(|i| (f64::from(seed) + 1.7 * i as f64).sin()).collect();
+            let mut q = model.integrate(&model.neutral::<f64>(), &x);
+            torsion.open_angles().for_each(|(c, _, start)| q[c] = 0.3 * q[c] * start.min(3.0 - start));
+            let (found, off) = torsion.coordinates(&torsion.positions(&q).unwrap()).unwrap();
+            // Angles of atoms 0.1 nm from their axes, superposed after as many hinges as a path has.
+            let bar = 1000.0 * rounding(&torsion);
+            assert!(off < rounding(&torsion), "{name}: {off:e}");
+            let away = model.difference(&q, &found).into_iter().fold(0.0f64, |m, x| m.max(x.abs()));
+            assert!(away < bar, "{name}, seed {seed}: {away:e}");
+        }
+    }
+}
+
+/// A run on clusters that are frozen in part, rings and open angles included, in the coordinates of all hinges: the same positions,
+/// velocities and kinetic energy, with the rings closed.
+#[test]
+fn the_motion_of_frozen_clusters_is_one_of_the_wider_ones() {
+    let everything = Clustering { angles: Angles::AtHinges, ..flexible() };
+    let (wide, field) = model("ace_pro_nme", &everything);
+    let open = wide.clusters().hinges.iter().filter(|h| !stiff().rigid.contains(&h.kind));
+    let angles = Angles::Listed(open.filter_map(|h| h.open_angle()).collect());
+    let narrow = Clustering { angles, ..Clustering { rings: Rings::Flexible, ..stiff() } };
+    let start = wide.model().neutral::<f64>();
+    let frozen = recluster(&wide, &start, &thermal(&wide, &start, 7), &narrow, None).unwrap();
+    let [before, after] = frozen.ledger.degrees_of_freedom;
+    assert!(after + 6 <= before && frozen.torsion.has_rings(), "{before} {after}");
+    let torsion = Arc::new(frozen.torsion);
+    let mut forces = MolecularForces::new(torsion.clone(), field);
+    let mut method = Midpoint::new(torsion.model(), &mut forces, 0.0, &frozen.q, &frozen.v).unwrap();
+    let mut closed = ClosedDynamics::<f64>::new(wide.model()).unwrap();
+    let mut near = start;
+    for _ in 0..20 {
+        for _ in 0..10 {
+            method.step(&mut forces, 5e-4).unwrap();
+        }
+        let (q, v) = (method.state().q.clone(), method.velocity().unwrap().to_vec());
+        let (wide_q, wide_v) = same_motion(&torsion, &q, &v, &wide, &near).unwrap();
+        let ((x, u), (y, w)) = (atoms_of(&torsion, &q, &v), atoms_of(&wide, &wide_q, &wide_v));
+        let speed = metric(&torsion, &u, &u).sqrt();
+        assert!(farthest(&x, &y) < rounding(&wide), "{:e}", farthest(&x, &y));
+        // A projection solves with the mass matrix of hydrogen rotors and closures: the root of its condition, some 1e3.
+        assert!(farthest(&u, &w) < 1e3 * rounding(&wide) * speed, "{:e}", farthest(&u, &w) / speed);
+        let rows = closed.rows();
+        let (mut position, mut rate) = (vec![0.0; rows], vec![0.0; rows]);
+        closed.residual(&wide_q, Some(&wide_v), &Conditions::default(), &mut position, &mut rate).unwrap();
+        let open = position.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+        assert!(open < 10.0 * rounding(&wide), "{open:e}");
+        near = wide_q;
+    }
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Flexible rings, open angles, Cartesian coordinates.
 //!
 //! `PHIPSI_STEPS=1000000 cargo test --release -p phipsi-molecule --test all rings::closed -- --nocapture` makes the long runs;
-//! `PHIPSI_RINGS="oxytocin bpti"` runs others, of the folder that `PHIPSI_MOLECULES` names.
+//! `PHIPSI_RINGS="bpti"` runs others, of the folder that `PHIPSI_MOLECULES` names.
 
 use crate::common::chains::KT;
 use crate::common::molecule;
@@ -81,6 +81,12 @@ fn degrees_of_freedom_are_counted_from_the_rank() {
     assert_eq!(bridge.degrees_of_freedom(), rigid.degrees_of_freedom() + ring - 6);
     assert_eq!(bridge.clusters().bends(), 0);
 
+    // A ring of twenty with a disulfide, and a proline in the tail.
+    let (both, _) = model("oxytocin", "min", &flexible());
+    let (rigid, _) = model("oxytocin", "min", &Clustering::default());
+    assert_eq!((both.clusters().closures.len(), both.clusters().bends()), (2, 3));
+    assert_eq!(both.degrees_of_freedom(), rigid.degrees_of_freedom() + 2 + (20 - 6));
+
     // Aromatic rings stay rigid.
     let (aromatic, _) = model("met_enkephalin", "min", &flexible());
     assert!(aromatic.clusters().closures.is_empty());
@@ -102,7 +108,7 @@ fn degrees_of_freedom_are_counted_from_the_rank() {
 /// Closure to 1e-10 nm, no drift of the energy, bond lengths of the cut bonds kept; reversible.
 #[test]
 fn closed_rings_run_at_constant_energy() {
-    let names = std::env::var("PHIPSI_RINGS").unwrap_or("ace_pro_nme caac_ss".into());
+    let names = std::env::var("PHIPSI_RINGS").unwrap_or("ace_pro_nme caac_ss oxytocin".into());
     for name in names.split(' ') {
         let h = if name == "caac_ss" { 0.004 } else { 0.002 };
         let (torsion, mut forces) = model(name, "min", &flexible());

@@ -3,7 +3,7 @@
 use crate::error::SimulateError;
 use crate::folder::summary::short;
 use phipsi_molecule::{
-    BondKind, Clustering, Clusters, Deviates, FixmanPotential, ForceField, Ledger, MoleculeErrors,
+    Angles, BondKind, Clustering, Clusters, Deviates, FixmanPotential, ForceField, Ledger, MoleculeErrors,
     TorsionModel, recluster,
 };
 use phipsi_spatial::Vec3;
@@ -43,6 +43,8 @@ impl Change {
 pub struct Schedule {
     /// The clusters at the start.
     pub clustering: Clustering,
+    /// Open bond angles h–i–j of the widest clusters, with the kind of the hinge i–j: each is open while that turns.
+    pub angles: Vec<(BondKind, [usize; 3])>,
     /// Degrees of freedom at the start.
     pub degrees_of_freedom: usize,
     /// The changes, in the order of time.
@@ -65,6 +67,16 @@ impl Schedule {
         for change in self.changes.iter().take(changes) {
             clustering.rigid.extend(&change.freeze);
             clustering.rigid.retain(|kind| !change.thaw.contains(kind));
+        }
+        self.with_angles(clustering)
+    }
+    /// With the angles of the widest clusters that are open; others would not be in the coordinates of the record.
+    fn with_angles(&self, mut clustering: Clustering) -> Clustering {
+        if !self.angles.is_empty() {
+            let always = self.widest().rigid;
+            let is_open = |kind: &BondKind| always.contains(kind) || !clustering.rigid.contains(kind);
+            let open = self.angles.iter().filter(|(kind, _)| is_open(kind)).map(|(_, angle)| *angle);
+            clustering.angles = Angles::Listed(open.collect());
         }
         clustering
     }
@@ -95,6 +107,7 @@ impl Schedule {
         let last = changes.checked_sub(1).and_then(|i| self.changes.get(i));
         let mut frozen = next.clone();
         frozen.rigid.extend(last.iter().flat_map(|change| &change.thaw));
+        let frozen = self.with_angles(frozen);
         let first = recluster(torsion, q, v, &frozen, None)?;
         let Some(change) = last.filter(|change| !change.thaw.is_empty()) else {
             return Ok(Changed {

@@ -5,7 +5,7 @@ use super::settings::{IntegratorSettings, is_multiple, pieces};
 use super::tree::{Node, Table};
 use crate::recluster::{Change, Schedule};
 use phipsi_formats::{Note, Problem, Report};
-use phipsi_molecule::{Atoms, Clustering, Clusters, ForceField, MoleculeErrors, TorsionModel};
+use phipsi_molecule::{Atoms, BondKind, Clustering, Clusters, ForceField, MoleculeErrors, TorsionModel};
 use phipsi_motion::Scheme;
 use phipsi_spatial::Vec3;
 
@@ -82,18 +82,23 @@ pub(super) fn schedule(
         let place = format!("molecule.recluster {i}");
         report.errors.push(Problem::new(None, place, found, required, remedy));
     };
-    if torsion.clusters().bends() > 0 {
-        let found = format!("{} open bond angles, with changes of clusters", torsion.clusters().bends());
-        let remedy = "take clusters = \"torsion\" without `angles` and rings of five to seven atoms that are flexible, or make the \
-                      change in Python: TorsionModel.recluster";
-        wrong(0, found, "hinges that turn only: a run is recorded in their coordinates", remedy);
-        return Ok(None);
-    }
-    let mut schedule = Schedule { clustering, degrees_of_freedom: 0, changes, field: field.clone() };
+    let bends = |clusters: &Clusters| -> Vec<(BondKind, [usize; 3])> {
+        clusters.hinges.iter().filter_map(|h| Some((h.kind, h.open_angle()?))).collect()
+    };
+    let angles = bends(torsion.clusters());
+    let mut schedule = Schedule { clustering, angles, degrees_of_freedom: 0, changes, field: field.clone() };
     let mut before = None;
     let mut notes = Vec::new();
     for n in 0..=schedule.changes.len() {
         let clusters = Clusters::new(atoms, positions, &schedule.clustering_after(n))?;
+        if let Some((_, angle)) = bends(&clusters).iter().find(|bend| !schedule.angles.contains(bend)) {
+            let found = format!(
+                "the angle {}, which opens where others freeze",
+                angle.map(|a| atoms.label(a)).join("-")
+            );
+            let remedy = "freeze fewer kinds, or make the change in Python: TorsionModel.recluster";
+            wrong(n.saturating_sub(1), found, "angles that are open in the widest clusters", remedy);
+        }
         let (count, hinges) = (clusters.clusters.len(), clusters.hinges.len());
         let model = TorsionModel::new(atoms, positions, clusters)?;
         let freedom = model.degrees_of_freedom();
