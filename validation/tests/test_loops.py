@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import mpmath
 import numpy as np
 import pytest
@@ -92,11 +94,11 @@ def test_wrong_closures_are_refused() -> None:
 LINKS = 8
 
 
-def chain_text(heavy: float) -> str:
-    """Links of 1 m in the x-z plane, all but the fifth of 1 kg."""
+def chain_text(heavy: float, place: int = 4) -> str:
+    """Links of 1 m in the x-z plane, all but one of 1 kg."""
     parts, parent = ['<robot name="chain"><link name="world"/>'], "world"
     for k in range(LINKS):
-        mass = heavy if k == 4 else 1.0
+        mass = heavy if k == place else 1.0
         parts.append(
             f'<link name="b{k}"><inertial><origin xyz="0.5 0 0"/><mass value="{mass}"/><inertia ixx="{0.01 * mass}" '
             f'iyy="{mass / 12}" izz="{mass / 12}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
@@ -157,6 +159,24 @@ def test_a_heavy_body_on_a_light_loop_keeps_its_digits(heavy: float, chosen: str
     if heavy == 1.0:
         # Squares lose 1/σ more.
         assert np.abs(a - exact).max() <= budget / info.smallest_pivot * scale
+
+
+@pytest.mark.parametrize(("place", "warned"), [(LINKS - 1, True), (0, False)])
+def test_a_heavy_body_next_to_the_cut_is_warned_of(place: int, warned: bool) -> None:
+    """What no form saves is said, once, with the body and the closure; the same body at the ground needs no warning."""
+    m = phipsi.Model.from_urdf_text(chain_text(1e8, place))
+    q = np.linspace(-0.5, 0.6, LINKS)
+    tip, ground = np.eye(4), np.eye(4)
+    tip[0, 3] = 1.0
+    ground[:3, 3] = (m.body_pose(q, "b7") @ tip)[:3, 3]
+    m.close_loop("world", ground, "b7", tip, kind="spherical", name="pin")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for _ in range(2):
+            m.forward_dynamics(q, np.zeros(LINKS), np.zeros(LINKS))
+    texts = [str(w.message) for w in caught]
+    assert len(texts) == warned
+    assert all("`b7`" in t and "`pin`" in t and "cut that loop farther from it" in t for t in texts)
 
 
 def test_projections_close_the_loops() -> None:

@@ -232,6 +232,25 @@ def test_nothing_that_moves():
     assert r.q.shape == (201, 0) and r.energy[-1] == 0.0
 
 
+FLYBALL = Path(__file__).parents[2] / "examples" / "benchmarks" / "flyball.toml"
+
+
+def test_a_stiff_scene_keeps_its_implicit_method(tmp_path: Path):
+    """What `auto` of a scene has found, or the scene asks for, stays unless a method is given; tolerances do not change it."""
+    found = phipsi.simulate(FLYBALL, t_end=1.0)
+    assert found.method.startswith("rodas")
+    assert phipsi.simulate(FLYBALL, t_end=1.0, rtol=1e-6).method.startswith("rodas")
+    scene = tmp_path / "flyball.toml"
+    scene.write_text(FLYBALL.read_text().replace("[integrator]", '[integrator]\nmethod = "rodas4"'))
+    asked = phipsi.simulate(scene, t_end=1.0)
+    assert asked.method == "rodas4"
+    # The explicit method comes to the same by many more steps: stability sets them.
+    explicit = phipsi.simulate(FLYBALL, t_end=1.0, method="dop853")
+    assert explicit.method == "dop853" and explicit.steps > 5 * found.steps
+    for r in (found, asked):
+        assert np.abs(r.q[-1] - explicit.q[-1]).max() < 1e-4
+
+
 SCENE = """
 [model]
 urdf = "arm.urdf"

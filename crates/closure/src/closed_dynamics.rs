@@ -26,12 +26,14 @@ use std::ops::Range;
 
 mod choice;
 mod form;
+mod loss;
 mod motion;
 mod solved;
 mod square_root;
 
 pub use choice::ClosedFormChoice;
 pub use form::ClosedForm;
+pub use loss::HeavyBody;
 pub use solved::Solved;
 
 /// Positions, velocities and accelerations that closures are given at this instant: one number per row, rad and m.

@@ -30,7 +30,8 @@ pub mod tree_choice;
 
 pub use assembly::{PositionProjection, VelocityProjection};
 pub use closed_dynamics::{
-    ClosedDynamics, ClosedForm, ClosedFormChoice, ClosedInfo, ClosureMotion, Conditions, Prescribed, Solved,
+    ClosedDynamics, ClosedForm, ClosedFormChoice, ClosedInfo, ClosureMotion, Conditions, HeavyBody,
+    Prescribed, Solved,
 };
 pub use closure_compliance::{ClosureCompliance, closure_compliance};
 pub use cut_joints::{Cost, CutChoice, GraphJoint, TreeJoint, choose_cuts};

@@ -17,7 +17,7 @@ fn hinge(name: &str, axis: [f64; 3], place: Placement) -> Joint {
 
 /// N four-bars in a row on the ground, rods of 1 m and 1 kg in the x-z plane: N + 1 cranks, and couplers from tip to tip, each
 /// pinned by a whole hinge, of whose five rows three are implied.
-fn four_bars(n: usize) -> Model {
+pub(crate) fn four_bars(n: usize) -> Model {
     let along = |x: f64, z: f64| {
         let moments = [z / 12.0, 1.0 / 12.0, x / 12.0];
         Inertia::from_principal(1.0, [0.5 * x, 0.0, 0.5 * z], moments)

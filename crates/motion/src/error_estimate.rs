@@ -10,7 +10,7 @@
 //!
 //! At loose tolerances errors jump from tolerance to tolerance: a looser companion may be wrong by any multiple of the run's error, or by the
 //! same error. A tighter one is wrong by less than the run, whatever the multiple. At order eight shorter steps are cheap: (7/8)⁸ is a third of
-//! the error, and there are no rejections and few dense outputs. Which estimates hold how often, and what they cost: `docs/src/errors.md`.
+//! the error, and there are no rejections. Which estimates hold how often, and what they cost: `docs/src/errors.md`.
 //!
 //! Where stops or dry friction act, a companion finds its own events. Instants between an event of one run and the same event of the other
 //! are not compared; where the runs do not do the same in the end, there is no estimate.
@@ -227,7 +227,7 @@ fn compare<'a, S: System>(
     'all: for (limit, stop) in breaks.chain([(run.end, run.breaks.contains(&run.end))]) {
         while companion.t() < limit {
             match companion.step(system, limit, stop) {
-                Ok(_) => beside.look(system, &mut companion)?,
+                Ok(_) => beside.look(system, &mut companion),
                 Err(IntegrateError::StepUnderflow { .. }) => break 'all,
                 Err(e) => return Err(e),
             }
@@ -297,12 +297,9 @@ impl<'a> Beside<'a> {
             evaluations: 0,
         }
     }
-    /// Samples the companion at the instants inside its last step.
-    fn look<S: System>(
-        &mut self,
-        system: &mut S,
-        companion: &mut Integrator,
-    ) -> Result<(), IntegrateError<S::Error>> {
+    /// Samples the companion at the instants inside its last step, without evaluations: between steps it is only asked whether the two
+    /// are near each other. The last instant is the end of a step.
+    fn look<S: System>(&mut self, system: &S, companion: &mut Integrator) {
         while let Some(&t) = self.run.instants.get(self.own.len()).filter(|t| **t <= companion.t()) {
             let mut own = None;
             if t > self.run.start.0 {
@@ -316,13 +313,12 @@ impl<'a> Beside<'a> {
                 if !self.apart {
                     let (_, q, v, _) = self.run.start;
                     let (mut q, mut v) = (vec![0.0; q.len()], vec![0.0; v.len()]);
-                    companion.sample(system, t, &mut q, &mut v, &mut self.aux)?;
+                    companion.sample_roughly(system, t, &mut q, &mut v, &mut self.aux);
                     own = Some([q, v]);
                 }
             }
             self.own.push(own);
         }
-        Ok(())
     }
     /// False if the companion gave up before the end.
     fn is_complete(&self) -> bool {

@@ -382,19 +382,40 @@ impl Integrator {
         v: &mut [f64],
         aux: &mut [f64],
     ) -> Result<(), IntegrateError<S::Error>> {
-        if t == self.state.t || !self.pending {
-            q.copy_from_slice(&self.state.q);
-            v.copy_from_slice(&self.state.v);
-            aux.copy_from_slice(&self.state.aux);
+        let Some(theta) = self.inside(t) else {
+            self.present(q, v, aux);
             return Ok(());
-        }
-        let (start, h) = self.step.span();
-        let theta = (t - start) / h;
+        };
         let result = self.step.sample(system, theta, self.latest, q, v, aux);
         self.state.counts[2] = self.step.evaluations();
         result
             .and_then(|()| system.project(t.min(self.latest), q, v).map_err(StageError::System))
             .map(|_| ())
             .map_err(|cause| IntegrateError::Start { t, cause })
+    }
+    /// The same without evaluations and projections. Of DOP853 to fifth order: where its step is a radian of an oscillation, 1e-5 of the
+    /// amplitude, where it is three, 1e-2. At the step's end nothing is lost.
+    pub fn sample_roughly<S: System>(
+        &mut self,
+        system: &S,
+        t: f64,
+        q: &mut [f64],
+        v: &mut [f64],
+        aux: &mut [f64],
+    ) {
+        match self.inside(t) {
+            Some(theta) => self.step.sample_roughly(system, theta, q, v, aux),
+            None => self.present(q, v, aux),
+        }
+    }
+    /// Fraction of the last accepted step; `None` at its end, and where nothing but the end is left of it.
+    fn inside(&self, t: f64) -> Option<f64> {
+        let (start, h) = self.step.span();
+        (t != self.state.t && self.pending).then(|| (t - start) / h)
+    }
+    fn present(&self, q: &mut [f64], v: &mut [f64], aux: &mut [f64]) {
+        q.copy_from_slice(&self.state.q);
+        v.copy_from_slice(&self.state.v);
+        aux.copy_from_slice(&self.state.aux);
     }
 }

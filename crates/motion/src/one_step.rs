@@ -118,4 +118,18 @@ impl OneStep {
             }
         }
     }
+    /// Without evaluations.
+    pub(crate) fn sample_roughly<S: System>(
+        &mut self,
+        system: &S,
+        theta: f64,
+        q: &mut [f64],
+        v: &mut [f64],
+        aux: &mut [f64],
+    ) {
+        match self {
+            OneStep::Explicit(s) => s.sample_roughly(system, theta, q, v, aux),
+            OneStep::Rosenbrock(s) => s.sample(system, theta, q, v, aux),
+        }
+    }
 }

@@ -33,21 +33,29 @@ struct Left {
     events: Vec<Occurrence>,
     samples: Vec<State>,
     ended: bool,
+    /// Readers that wait for steps; one that waits for the end alone is not woken before.
+    waiting: usize,
 }
 
 impl Trail {
     /// Of a run that has ended: ends of all steps, what happened, samples.
     pub fn of_ended(steps: &[f64], events: &[Occurrence], samples: &[State]) -> Self {
         let (steps, events, samples) = (steps.to_vec(), events.to_vec(), samples.to_vec());
-        Trail { left: Mutex::new(Left { steps, events, samples, ended: true }), ..Trail::default() }
+        Trail {
+            left: Mutex::new(Left { steps, events, samples, ended: true, waiting: 0 }),
+            ..Trail::default()
+        }
     }
     /// Adds ends of accepted steps and all that happened up to the last of them.
     pub fn advance(&self, steps: &[f64], events: &[Occurrence]) {
         let mut left = self.lock();
         left.steps.extend_from_slice(steps);
         left.events.extend_from_slice(events);
+        let awaited = left.waiting > 0;
         drop(left);
-        self.news.notify_all();
+        if awaited {
+            self.news.notify_all();
+        }
     }
     /// The run has ended; its states at the instants at which it is judged.
     pub fn end(&self, samples: Vec<State>) {
@@ -78,7 +86,8 @@ impl Trail {
     }
     /// The samples, when the run has ended.
     pub(crate) fn samples(&self) -> Vec<State> {
-        self.wait_for(|_| false).samples.clone()
+        let goes_on = |left: &mut Left| !left.ended;
+        self.news.wait_while(self.lock(), goes_on).unwrap_or_else(PoisonError::into_inner).samples.clone()
     }
 
     // A writer that panicked has left whole entries.
@@ -87,6 +96,10 @@ impl Trail {
     }
     fn wait_for(&self, is_there: impl Fn(&Left) -> bool) -> MutexGuard<'_, Left> {
         let waits = |left: &mut Left| !left.ended && !is_there(left);
-        self.news.wait_while(self.lock(), waits).unwrap_or_else(PoisonError::into_inner)
+        let mut left = self.lock();
+        left.waiting += 1;
+        let mut left = self.news.wait_while(left, waits).unwrap_or_else(PoisonError::into_inner);
+        left.waiting -= 1;
+        left
     }
 }

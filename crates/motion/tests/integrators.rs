@@ -86,6 +86,60 @@ fn dense_output_is_as_good_as_the_steps() {
     }
 }
 
+/// Without evaluations DOP853 is of fifth order between the ends of a step, in q and v, rotations included: the local error falls with the
+/// sixth power of the step. With the evaluations made, and with other methods, it is the dense output.
+#[test]
+fn rough_samples_of_a_step_cost_nothing() {
+    let model = free_body([1.0, 2.0, 2.5]);
+    let (start, v0) = (model.neutral::<f64>(), [0.7, 1.3, -0.4, 0.2, 0.1, -0.3]);
+    let accept = Tolerances { rtol: f64::INFINITY, atol: f64::INFINITY, max_step: f64::INFINITY };
+    let stepped = |method: Method, h: f64| {
+        let mut dynamics = free_fall(&model, vec![]);
+        let mut i = Integrator::new(&model, method, accept, 0.0, &start, &v0, &[]);
+        i.propose(h);
+        i.step(&mut dynamics, h, false).unwrap();
+        (dynamics, i)
+    };
+    let largest = |x: &[f64]| x.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+    let apart = |a: &(Vec<f64>, Vec<f64>), b: &(Vec<f64>, Vec<f64>)| {
+        let dv: Vec<f64> = a.1.iter().zip(&b.1).map(|(a, b)| a - b).collect();
+        largest(&model.difference(&a.0, &b.0)).max(largest(&dv))
+    };
+    let rough = |dynamics: &Dynamics, i: &mut Integrator, t: f64| {
+        let (mut q, mut v) = (start.clone(), vec![0.0; 6]);
+        i.sample_roughly(dynamics, t, &mut q, &mut v, &mut []);
+        (q, v)
+    };
+    let fine = |dynamics: &mut Dynamics, i: &mut Integrator, t: f64| {
+        let (mut q, mut v) = (start.clone(), vec![0.0; 6]);
+        i.sample(dynamics, t, &mut q, &mut v, &mut []).unwrap();
+        (q, v)
+    };
+    let thetas = [0.1, 0.3, 0.45, 0.7, 0.9, 1.0];
+    let errors = [0.8, 0.4].map(|h| {
+        thetas.map(|theta| {
+            let (mut dynamics, mut i) = stepped(Method::Dop853, h);
+            let before = i.counts();
+            let sample = rough(&dynamics, &mut i, theta * h);
+            assert_eq!(i.counts(), before);
+            let (exact, _) =
+                run(&mut free_fall(&model, vec![]), Method::Dop853, 1e-14, &start, &v0, theta * h);
+            let error = apart(&sample, &(exact.q().to_vec(), exact.v().to_vec()));
+            let dense = fine(&mut dynamics, &mut i, theta * h);
+            assert_eq!(rough(&dynamics, &mut i, theta * h), dense);
+            error
+        })
+    });
+    let [coarse, halved] = errors.map(|e| largest(&e));
+    let order = (coarse / halved).log2();
+    assert!((5.5..7.5).contains(&order) && coarse < 1e-3, "{order:.2}, {errors:?}");
+    for method in [Method::Tsit5, Method::Rk4 { step: 0.4 }, Method::Rodas5p] {
+        let (mut dynamics, mut i) = stepped(method, 0.4);
+        let sample = rough(&dynamics, &mut i, 0.13);
+        assert_eq!(sample, fine(&mut dynamics, &mut i, 0.13), "{method:?}");
+    }
+}
+
 #[test]
 fn a_checkpoint_continues_bit_for_bit() {
     let model = free_body([1.0, 2.0, 2.5]);

@@ -256,17 +256,19 @@ impl Simulation {
     /// Where no form of forward dynamics is accurate enough.
     pub(crate) fn form_warning(&self) -> Option<Problem> {
         self.form()?;
+        let mut remedy = "expect as few digits, or bring masses and lengths closer together".to_string();
         let (error, limit, form) = match (self.dynamics.form_choice(), self.dynamics.closed_form_choice()) {
             (Some(choice), _) if !choice.is_sufficient() => (choice.error, choice.limit, choice.form.name()),
             (_, Some(choice)) if !choice.is_sufficient() => {
-                let tree = choice.tree?;
-                (tree.plain_error, tree.limit, choice.name())
+                if let Some(heavy) = &choice.heavy {
+                    remedy = format!("{heavy}; otherwise expect as few digits");
+                }
+                (choice.error(), choice.tree?.limit, choice.name())
             }
             _ => return None,
         };
         let found = format!("forward dynamics errs by {error:.0e} in its best form, {form}");
         let required = format!("an error up to {limit:.0e}");
-        let remedy = "expect as few digits, or bring masses and lengths closer together";
         Some(Problem::new(None, "model", found, required, remedy))
     }
     /// Puts the start onto the closures and prescribed motions: [`settle`].

@@ -8,6 +8,9 @@ use std::path::Path;
 /// tolerances the error of a run may be a thousand times smaller than that of its neighbours by chance, which no second run can know.
 const FACTOR: f64 = 10.0;
 const PART: f64 = 0.95;
+
+/// The part of runs on which no way of estimating was chosen: seen 133 of 144.
+const PART_ELSEWHERE: f64 = 0.9;
 const SMALL: f64 = 1e-12;
 
 fn scene(name: &str, overrides: &[String]) -> Scene {
@@ -29,8 +32,10 @@ fn end(name: &str, overrides: &[String]) -> (Scene, Summary) {
     (scene, summary)
 }
 
-/// Scenes, what is changed in them, and how far two tight runs of different methods may be apart: that is what is known of the end.
-const SCENES: [(&str, &[&str], f64); 11] = [
+/// A scene, what is changed in it, and how far two tight runs of different methods may be apart: that is what is known of the end.
+type Known = (&'static str, &'static [&'static str], f64);
+
+const SCENES: [Known; 11] = [
     ("benchmarks/pendulum.toml", &["integrator.t_end=5"], 1e-11),
     ("benchmarks/double_pendulum.toml", &["integrator.t_end=4"], 1e-11),
     ("benchmarks/chain10.toml", &["integrator.t_end=2"], 1e-11),
@@ -44,12 +49,52 @@ const SCENES: [(&str, &[&str], f64); 11] = [
     ("satellite_arm.toml", &["integrator.t_end=10"], 1e-10),
 ];
 
+/// Other starts, ends and scenes, on which no way of estimating was chosen.
+const OTHERS: [Known; 12] = [
+    ("benchmarks/pendulum.toml", &["integrator.t_end=7", "initial.q.hinge=3.0"], 1e-10),
+    (
+        "benchmarks/double_pendulum.toml",
+        &["integrator.t_end=3", "initial.q.hinge1=0.8", "initial.q.hinge2=-1.1"],
+        1e-10,
+    ),
+    (
+        "benchmarks/chain10.toml",
+        &["integrator.t_end=1.5", "initial.q.hinge1=0.6", "initial.q.hinge5=0.4"],
+        1e-10,
+    ),
+    (
+        "benchmarks/torque_free.toml",
+        &["integrator.t_end=12", "initial.v.body=[0.4, 0.7, 1.1, 0, 0, 0]"],
+        1e-10,
+    ),
+    ("benchmarks/andrews.toml", &["integrator.t_end=0.02"], 1e-10),
+    ("benchmarks/car_axis.toml", &["integrator.t_end=1.6"], 1e-10),
+    ("benchmarks/spatial_slider_crank_thick.toml", &["integrator.t_end=2"], 1e-10),
+    ("benchmarks/bricard.toml", &["integrator.t_end=1.1"], 1e-10),
+    ("benchmarks/n_four_bar.toml", &["integrator.t_end=1.3", "initial.v.a0=2.2"], 1e-10),
+    ("benchmarks/light_cart_pole.toml", &["integrator.t_end=3", "initial.q.hinge=2.5"], 1e-9),
+    ("satellite_arm.toml", &["integrator.t_end=17"], 1e-10),
+    ("satellite_two_arms.toml", &["integrator.t_end=6"], 1e-10),
+];
+
 #[test]
 fn the_estimate_is_within_a_factor_of_ten() {
+    let tolerances = [4, 5, 6, 7, 8, 9, 10].map(|decade| 10f64.powi(-decade));
+    assert_within(&SCENES, &tolerances, PART);
+}
+
+#[test]
+fn it_is_on_scenes_on_which_it_was_not_chosen() {
+    assert_within(&OTHERS, &[3e-5, 3e-6, 3e-7, 3e-8, 3e-9, 3e-10], PART_ELSEWHERE);
+}
+
+/// Runs every scene with both explicit methods at every tolerance, prints a table of errors and estimates, and counts.
+fn assert_within(scenes: &[Known], tolerances: &[f64], part: f64) {
     let (mut count, mut good) = (0, 0);
-    let mut table =
-        String::from("| scene | method, tolerance | error | estimate | how |\n|---|---|---|---|---|\n");
-    for (name, overrides, known) in SCENES {
+    let mut table = String::from(
+        "| scene | method, tolerance | error | estimate | how | more evaluations |\n|---|---|---|---|---|---|\n",
+    );
+    for &(name, overrides, known) in scenes {
         let (tight, exact) = end(name, &with(overrides, "dop853", 1e-13, false));
         let (_, other) = end(name, &with(overrides, "tsit5", 1e-12, false));
         let model = tight.simulation.model();
@@ -59,8 +104,8 @@ fn the_estimate_is_within_a_factor_of_ten() {
         let doubt = apart(&exact, &other);
         assert!(doubt <= known, "{name}: two tight runs differ by {doubt:e}");
         for method in ["dop853", "tsit5"] {
-            for decade in [4, 5, 6, 7, 8, 9, 10] {
-                let (_, summary) = end(name, &with(overrides, method, 10f64.powi(-decade), true));
+            for &tolerance in tolerances {
+                let (_, summary) = end(name, &with(overrides, method, tolerance, true));
                 let error = apart(&summary, &exact);
                 // What is not known of the end cannot be told.
                 if error < 10.0 * doubt && error > SMALL {
@@ -74,8 +119,9 @@ fn the_estimate_is_within_a_factor_of_ten() {
                 good += usize::from(fine);
                 let mark = if fine { "" } else { " **" };
                 let stem = name.trim_start_matches("benchmarks/").trim_end_matches(".toml");
+                let more = 100.0 * estimate.evaluations as f64 / summary.evaluations as f64;
                 table += &format!(
-                    "| {stem} | {method}, 1e-{decade} | {error:.1e} | {told:.1e}{mark} | {} |\n",
+                    "| {stem} | {method}, {tolerance:.0e} | {error:.1e} | {told:.1e}{mark} | {} | {more:.0} % |\n",
                     estimate.how
                 );
             }
@@ -83,5 +129,5 @@ fn the_estimate_is_within_a_factor_of_ten() {
     }
     println!("{table}\n{good} of {count}");
     assert!(count >= 60, "{count} runs whose error is known");
-    assert!(good as f64 >= PART * count as f64, "{good} of {count}");
+    assert!(good as f64 >= part * count as f64, "{good} of {count}");
 }

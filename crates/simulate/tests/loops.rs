@@ -442,3 +442,40 @@ fn starts_and_motions_that_do_not_fit_are_refused() {
     let far = closed.replace("xyz = [0.8, 0, 0]", "xyz = [3, 0, 0]");
     assert!(errors(&far).contains("cannot be closed"), "{}", errors(&far));
 }
+
+/// Light links and a heavy one next to the pin that closes them: the scene says so, with names and what to do. Pinned at the other end
+/// of the same mechanism, where the heavy link is next to the ground, there is nothing to say; nor of light links alone.
+#[test]
+fn a_heavy_body_next_to_the_cut_is_told() {
+    let scene = |masses: [f64; 4]| {
+        let mut text = String::from("[integrator]\nt_end = 0.1\n");
+        for (k, mass) in masses.iter().enumerate() {
+            let parent = if k == 0 { "world".to_string() } else { format!("link{}", k - 1) };
+            let (x, moment) = (if k == 0 { 0.0 } else { 1.0 }, mass / 12.0);
+            text += &format!(
+                "[[body]]\nname = \"link{k}\"\ninertial = {{ mass = {mass:e}, origin = {{ xyz = [0.5, 0, 0] }}, \
+                 inertia = {{ ixx = {:e}, iyy = {moment:e}, izz = {moment:e} }} }}\n\
+                 [[joint]]\nname = \"j{k}\"\ntype = \"continuous\"\nparent = \"{parent}\"\nchild = \"link{k}\"\n\
+                 origin = {{ xyz = [{x}, 0, 0] }}\naxis = [0, 1, 0]\n",
+                0.02 * mass
+            );
+        }
+        text += "[[closure]]\nname = \"pin\"\nkind = \"spherical\"\nbody_a = \"world\"\npose_a = { xyz = [2.5, 0, 0] }\n\
+                 body_b = \"link3\"\npose_b = { xyz = [1, 0, 0] }\n[initial]\nq.j0 = -0.8\nq.j1 = 0.7\nq.j2 = 0.5\nassemble = true\n";
+        parse(&text).unwrap()
+    };
+    let told = |masses: [f64; 4]| {
+        let scene = scene(masses);
+        let mut warnings = scene.reports.iter().flat_map(|r| r.warnings.clone());
+        let told = warnings.find(|w| w.found.contains("forward dynamics errs by"));
+        (told.map(|w| w.remedy), scene.simulation.form().unwrap().1)
+    };
+    let (remedy, why) = told([1.0, 1.0, 1.0, 1e8]);
+    let remedy = remedy.unwrap();
+    assert!(remedy.contains("`link3` weighs 1e8 times") && remedy.contains("closure `pin`"), "{remedy}");
+    assert!(why.contains("no form has less") && why.contains("`link3`"), "{why}");
+    for masses in [[1e8, 1.0, 1.0, 1.0], [1.0; 4]] {
+        let (remedy, why) = told(masses);
+        assert!(remedy.is_none() && !why.contains("no form"), "{masses:?}: {why}");
+    }
+}

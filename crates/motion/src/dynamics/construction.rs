@@ -117,7 +117,7 @@ impl Dynamics {
             kinematics: self.kinematics.clone(),
             solver: self.solver.clone(),
             form_choice: self.form_choice,
-            closed_choice: self.closed_choice,
+            closed_choice: self.closed_choice.clone(),
             inverse: self.inverse.clone(),
             rest: self.rest.clone(),
             tau: self.tau.clone(),

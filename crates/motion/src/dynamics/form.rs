@@ -27,12 +27,12 @@ impl Dynamics {
     /// Takes the form over to what closes loops and holds joints.
     pub(super) fn spread_form(&mut self) -> Result<(), MotionError> {
         let of_tree = ClosedFormChoice::beside(self.form(), self.layout.is_flexible());
-        let form = self.closed_choice.map_or(of_tree, |choice| choice.form);
+        let form = self.closed_choice.as_ref().map_or(of_tree, |choice| choice.form);
         self.constraints().map_or(Ok(()), |constraints| Ok(constraints.set_form(form)?))
     }
     /// The form that runs, of loops and prescribed motions the one that asks for it; never [`Form::Auto`].
     pub fn form(&self) -> Form {
-        match (&self.solver, self.closed_choice) {
+        match (&self.solver, &self.closed_choice) {
             (Solver::Tree(forward), _) => forward.form(),
             (_, Some(choice)) if choice.form == ClosedForm::SquareRoot => Form::SquareRoot,
             _ => Form::Plain,

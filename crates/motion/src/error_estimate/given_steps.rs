@@ -39,7 +39,7 @@ pub(super) fn merged<'a, S: System>(
         if stop {
             companion.restart();
         }
-        beside.look(system, &mut companion)?;
+        beside.look(system, &mut companion);
     }
     beside.evaluations = companion.counts()[2];
     Ok(beside)
@@ -87,7 +87,7 @@ pub(super) fn shortened<'a, S: System>(
         if stop {
             companion.restart();
         }
-        beside.look(system, &mut companion)?;
+        beside.look(system, &mut companion);
     }
     beside.evaluations = companion.counts()[2];
     Ok(beside)
