@@ -10,11 +10,12 @@
 //! as they are.
 
 use crate::closed_dynamics::{ClosedDynamics, Conditions, largest};
+use crate::compiled::Number;
 use crate::error::{ClosureError, check_length};
 use crate::factors::Regard;
 use crate::frames::weight;
 use crate::solution::Load;
-use phipsi_spatial::{Real, Vec3};
+use phipsi_spatial::Vec3;
 
 /// Iterations of a projection; it converges quadratically, or not.
 const MOST_PROJECTIONS: usize = 12;
@@ -42,7 +43,7 @@ pub struct PositionProjection {
     pub iterations: usize,
 }
 
-impl<T: Real> ClosedDynamics<T> {
+impl<T: Number> ClosedDynamics<T> {
     /// Makes velocities consistent: v += δ(γ̇ − Jv), the smallest change in kinetic energy. `q`: nq, `v`: nv.
     ///
     /// # Cost

@@ -10,6 +10,7 @@
 //! What it solves: 𝓜θ̈ + C = T + J*λ, Jθ̈ + J̇v = γ̈, in one inward and one outward sweep; with prescribed degrees of freedom for
 //! the passive ones. Steps and symbols of the sweeps are in `factors.rs` and `solution.rs`.
 
+use crate::compiled::Number;
 use crate::error::{ClosureError, check_length};
 use crate::factors::Factors;
 use crate::frames::Frames;
@@ -17,11 +18,12 @@ use crate::number::Arithmetic;
 use crate::solution::{Inconsistency, Load, Solution};
 use crate::structure::{LoopKind, Structure};
 use crate::tree::Tree;
-use motion::Rates;
+pub(crate) use motion::Rates;
 use phipsi_model::Model;
 use phipsi_recursion::{InverseDynamics, Layout};
-use phipsi_spatial::{Real, Scalar, Vec3, Wrench};
-use square_root::{Solve, SquareRoot};
+use phipsi_spatial::{Vec3, Wrench};
+pub(crate) use square_root::Solve;
+use square_root::SquareRoot;
 use std::ops::Range;
 
 mod choice;
@@ -155,7 +157,7 @@ pub struct ClosedInfo {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
-pub struct ClosedDynamics<T: Real> {
+pub struct ClosedDynamics<T: Number> {
     pub(crate) layout: Layout<T>,
     pub(crate) tree: Tree<T>,
     pub(crate) structure: Structure<T>,
@@ -176,7 +178,7 @@ pub struct ClosedDynamics<T: Real> {
     work: Vec<T>,
 }
 
-impl<T: Real> ClosedDynamics<T> {
+impl<T: Number> ClosedDynamics<T> {
     /// A workspace for a model; finds the order in which its loops are closed.
     ///
     /// # Errors
@@ -269,7 +271,7 @@ impl<T: Real> ClosedDynamics<T> {
         if self.square_root.is_none() {
             self.factor(active)?;
         }
-        let velocity_error = Arithmetic::<T>::dispatch(Rates { dynamics: self, state: (q, v), conditions });
+        let velocity_error = T::rates(Rates { dynamics: self, state: (q, v), conditions });
         let [x, y, z] = self.layout.gravity().0;
         let load = Load {
             tau: Some(T::arithmetic(tau)),
@@ -280,7 +282,7 @@ impl<T: Real> ClosedDynamics<T> {
             None => {
                 self.solution.run(&self.structure, &self.tree, &self.frames, &self.factors, &load, out);
             }
-            Some(square_root) => Arithmetic::<T>::dispatch(Solve {
+            Some(square_root) => T::solve_by_square_roots(Solve {
                 square_root,
                 structure: &self.structure,
                 layout: &self.layout,
@@ -391,6 +393,6 @@ impl<T: Real> ClosedDynamics<T> {
 }
 
 /// The largest number.
-pub(crate) fn largest<T: Real>(x: &[T]) -> f64 {
+pub(crate) fn largest<T: Number>(x: &[T]) -> f64 {
     x.iter().fold(0.0f64, |most, x| most.max(x.abs().to_f64()))
 }

@@ -12,6 +12,7 @@
 //! Ω(i,j) = ψ*(a,i) Υ(a) ψ(a,j). A wrench goes inward only while there is another one that it has not met. A coupling pushes a
 //! joint, not a body: on the inboard side its wrench is −G E, and it meets what comes through the joint by E ν.
 
+use crate::compiled::Number;
 use crate::error::{ClosureError, check_length};
 use crate::frames::{Frames, weight};
 use crate::number::Arithmetic;
@@ -20,7 +21,7 @@ use crate::tree::Tree;
 use phipsi_model::Model;
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{Layout, Upsilon};
-use phipsi_spatial::{Kernel, Motion, Real, Scalar, Wrench};
+use phipsi_spatial::{Kernel, Motion, Scalar, Wrench};
 
 /// What happens at one body. A part is one end of a loop, or both once they have met: 2 · loop + end.
 #[derive(Clone, Debug, Default)]
@@ -41,7 +42,7 @@ struct Meeting<T> {
 
 /// B*ΩB of a mechanism's tree: a workspace, made once; no allocation afterwards.
 #[derive(Clone, Debug)]
-pub struct ClosureCompliance<T: Real> {
+pub struct ClosureCompliance<T: Number> {
     layout: Layout<T>,
     tree: Tree<T>,
     structure: Structure<T>,
@@ -56,7 +57,7 @@ pub struct ClosureCompliance<T: Real> {
     accelerations: Vec<Motion<Arithmetic<T>>>,
 }
 
-impl<T: Real> ClosureCompliance<T> {
+impl<T: Number> ClosureCompliance<T> {
     /// A workspace for a model.
     ///
     /// # Errors
@@ -113,7 +114,7 @@ impl<T: Real> ClosureCompliance<T> {
         check_length("out", out, self.rows() * self.rows())?;
         self.upsilon.update(&self.layout, q)?;
         self.frames.set_position(&self.structure, (&self.layout, &self.tree), q, None);
-        Arithmetic::<T>::dispatch(Gather { work: self, out: T::arithmetic_mut(out) });
+        T::gather_compliance(Gather { work: self, out: T::arithmetic_mut(out) });
         Ok(())
     }
     /// First place of a part in `c`, its rows' first among all rows, and their number.
@@ -243,12 +244,12 @@ impl<T: Real> ClosureCompliance<T> {
     }
 }
 
-struct Gather<'a, T: Real> {
+pub(crate) struct Gather<'a, T: Number> {
     work: &'a mut ClosureCompliance<T>,
     out: &'a mut [Arithmetic<T>],
 }
 
-impl<T: Real> Kernel for Gather<'_, T> {
+impl<T: Number> Kernel for Gather<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run(self) {
@@ -257,7 +258,7 @@ impl<T: Real> Kernel for Gather<'_, T> {
 }
 
 /// Where parts begin, meet and become one.
-fn meetings<T: Real>(structure: &Structure<T>, tree: &Tree<T>) -> Vec<Meeting<T>> {
+fn meetings<T: Number>(structure: &Structure<T>, tree: &Tree<T>) -> Vec<Meeting<T>> {
     let n = tree.len();
     let empty = Meeting {
         groups: Vec::new(),
@@ -353,7 +354,7 @@ fn join(live: &mut Vec<usize>, part: usize, merges: &mut Vec<(usize, usize)>) {
 /// assert!((compliance[0] - 0.5).abs() < 1e-15); // 1/kg along the rod
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub fn closure_compliance<T: Real>(model: &Model, q: &[T]) -> Result<Vec<T>, ClosureError> {
+pub fn closure_compliance<T: Number>(model: &Model, q: &[T]) -> Result<Vec<T>, ClosureError> {
     let mut work = ClosureCompliance::new(model)?;
     let mut out = vec![T::zero(); work.rows() * work.rows()];
     work.run(q, &mut out)?;

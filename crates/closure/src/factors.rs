@@ -18,13 +18,14 @@
 //! One joint of r degrees of freedom is eliminated one after the other, as r hinges in one place; so are the modes of a flexible
 //! body (`modes.rs`).
 
+use crate::compiled::Number;
 use crate::frames::Frames;
 use crate::number::{Arithmetic, larger, size};
 use crate::reflections::{Panel, Record};
 use crate::structure::{Operation, Structure};
 use crate::tree::{Joint, Tree};
 use phipsi_recursion::{DynamicsError, Layout};
-use phipsi_spatial::{ArticulatedInertia, Kernel, Real, RigidInertia, Scalar, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Kernel, RigidInertia, Scalar, Wrench};
 use std::ops::Range;
 
 mod joint;
@@ -122,7 +123,7 @@ pub(crate) enum Regard<T> {
     Slack(T),
 }
 
-impl<T: Real> Factors<T> {
+impl<T: Number> Factors<T> {
     pub(crate) fn new(structure: &Structure<T>, layout: &Layout<T>, tree: &Tree<T>) -> Self {
         let zero = Wrench::zero();
         let most = structure
@@ -170,7 +171,7 @@ impl<T: Real> Factors<T> {
         regard: Regard<T>,
     ) -> Result<(), DynamicsError> {
         self.plain.used = false;
-        Arithmetic::<T>::dispatch(Update { factors: self, structure, layout, tree, frames, active, regard })
+        T::update(Update { factors: self, structure, layout, tree, frames, active, regard })
     }
     /// The same in the plain form, for which there must be room; the doubt on which it was given up, if there is one.
     pub(crate) fn update_plain(
@@ -182,7 +183,7 @@ impl<T: Real> Factors<T> {
     ) -> Result<Option<Doubt>, DynamicsError> {
         self.plain.used = true;
         let regard = Regard::Error;
-        Arithmetic::<T>::dispatch(Update { factors: self, structure, layout, tree, frames, active, regard })?;
+        T::update(Update { factors: self, structure, layout, tree, frames, active, regard })?;
         Ok(self.plain.doubt)
     }
     #[inline(always)]
@@ -538,7 +539,7 @@ fn origins<T>(structure: &Structure<T>) -> Vec<usize> {
     origins
 }
 
-struct Update<'a, T: Real> {
+pub(crate) struct Update<'a, T: Number> {
     factors: &'a mut Factors<T>,
     structure: &'a Structure<T>,
     layout: &'a Layout<T>,
@@ -548,7 +549,7 @@ struct Update<'a, T: Real> {
     regard: Regard<T>,
 }
 
-impl<T: Real> Kernel for Update<'_, T> {
+impl<T: Number> Kernel for Update<'_, T> {
     type Output = Result<(), DynamicsError>;
     #[inline(always)]
     fn run(self) -> Self::Output {

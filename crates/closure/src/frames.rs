@@ -11,6 +11,7 @@
 //! Poses and velocities are relative to the common ancestor, never to the world, so that a far or fast mechanism closes as
 //! well as one at rest; and both ends are compared at one point, so that a rigid motion of the ancestor opens nothing.
 
+use crate::compiled::Number;
 use crate::number::{Arithmetic, motion, plain, size, transform, vector};
 use crate::rows::{MOST_ROWS, OWN, Relative};
 use crate::structure::{Loop, LoopKind, Structure};
@@ -19,7 +20,7 @@ use phipsi_recursion::Layout;
 use phipsi_recursion::flexible::HeldBody;
 use phipsi_recursion::hinge::Hinge;
 use phipsi_recursion::layout::Shift;
-use phipsi_spatial::{Kernel, Mat3, Motion, Real, Scalar, Transform, Vec3, Wrench};
+use phipsi_spatial::{Kernel, Mat3, Motion, Scalar, Transform, Vec3, Wrench};
 
 /// Where and how fast the ends of all loops are.
 #[derive(Clone, Debug)]
@@ -57,7 +58,7 @@ pub(crate) struct Frames<T: Scalar> {
     pub(crate) residual: Vec<T>,
 }
 
-impl<T: Real> Frames<T> {
+impl<T: Number> Frames<T> {
     pub(crate) fn new(structure: &Structure<T>, layout: &Layout<T>, tree: &Tree<T>) -> Self {
         let n = structure.loops.len();
         let held = layout.held_bodies();
@@ -93,7 +94,7 @@ impl<T: Real> Frames<T> {
         q: &[T],
         gamma: Option<&[T]>,
     ) {
-        Arithmetic::<T>::dispatch(Place { frames: self, structure, layout, tree, q, gamma });
+        T::place(Place { frames: self, structure, layout, tree, q, gamma });
     }
     #[inline(always)]
     fn place(
@@ -265,7 +266,7 @@ impl<T: Real> Frames<T> {
         v: &[T],
         rates: &mut [T],
     ) {
-        Arithmetic::<T>::dispatch(Turn { frames: self, structure, tree, v, rates });
+        T::turn(Turn { frames: self, structure, tree, v, rates });
     }
     /// The same, inside a kernel.
     #[inline(always)]
@@ -388,7 +389,7 @@ impl<T: Real> Frames<T> {
     }
 }
 
-struct Place<'a, T: Real> {
+pub(crate) struct Place<'a, T: Number> {
     frames: &'a mut Frames<T>,
     structure: &'a Structure<T>,
     layout: &'a Layout<T>,
@@ -397,7 +398,7 @@ struct Place<'a, T: Real> {
     gamma: Option<&'a [T]>,
 }
 
-impl<T: Real> Kernel for Place<'_, T> {
+impl<T: Number> Kernel for Place<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run(self) {
@@ -405,7 +406,7 @@ impl<T: Real> Kernel for Place<'_, T> {
     }
 }
 
-struct Turn<'a, T: Real> {
+pub(crate) struct Turn<'a, T: Number> {
     frames: &'a mut Frames<T>,
     structure: &'a Structure<T>,
     tree: &'a Tree<T>,
@@ -413,7 +414,7 @@ struct Turn<'a, T: Real> {
     rates: &'a mut [T],
 }
 
-impl<T: Real> Kernel for Turn<'_, T> {
+impl<T: Number> Kernel for Turn<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run(self) {
@@ -438,7 +439,7 @@ fn straightened<S: Scalar>(R: &Mat3<S>) -> Mat3<S> {
 
 /// What row i of a loop is multiplied with: the scene's length, if it is an angle.
 #[inline(always)]
-pub(crate) fn weight<T: Real>(structure: &Structure<T>, l: &Loop<T>, i: usize) -> T {
+pub(crate) fn weight<T: Number>(structure: &Structure<T>, l: &Loop<T>, i: usize) -> T {
     if i < l.angular { T::splat(structure.length) } else { T::one() }
 }
 

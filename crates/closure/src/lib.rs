@@ -14,6 +14,7 @@
 pub mod assembly;
 pub mod closed_dynamics;
 pub mod closure_compliance;
+mod compiled;
 pub mod cut_joints;
 pub mod error;
 mod factors;
@@ -34,6 +35,7 @@ pub use closed_dynamics::{
     Prescribed, Solved,
 };
 pub use closure_compliance::{ClosureCompliance, closure_compliance};
+pub use compiled::Number;
 pub use cut_joints::{Cost, CutChoice, GraphJoint, TreeJoint, choose_cuts};
 pub use error::ClosureError;
 pub use factors::Redundant;

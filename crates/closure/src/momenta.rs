@@ -11,6 +11,7 @@
 //! joints and multipliers in the order of the sweep gives det 𝓜 · det(J𝓜⁻¹J*) = ∏ U² ∏ (R s)².
 
 use crate::closed_dynamics::{ClosedDynamics, largest};
+use crate::compiled::Number;
 use crate::error::ClosureError;
 use crate::factors::Regard;
 use crate::frames::{Frames, weight};
@@ -18,7 +19,7 @@ use crate::number::size;
 use crate::solution::Load;
 use phipsi_model::Model;
 use phipsi_recursion::{DynamicsError, Layout};
-use phipsi_spatial::{Real, Scalar, Vec3};
+use phipsi_spatial::{Scalar, Vec3};
 
 /// How a configuration stands to the closures.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,7 +85,7 @@ impl Openness {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
-pub struct ClosedMomenta<T: Real> {
+pub struct ClosedMomenta<T: Number> {
     dynamics: ClosedDynamics<T>,
     /// Another configuration, whose residual is looked at.
     ahead: Frames<T>,
@@ -92,7 +93,7 @@ pub struct ClosedMomenta<T: Real> {
     hinges: Vec<usize>,
 }
 
-impl<T: Real> ClosedMomenta<T> {
+impl<T: Number> ClosedMomenta<T> {
     /// A workspace for a model.
     ///
     /// # Errors

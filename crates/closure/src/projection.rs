@@ -10,6 +10,7 @@
 //! mechanism, one outward sweep. Closing a loop changes P and D above its ancestor: l belongs to the open tree.
 
 use crate::closed_dynamics::{ClosedDynamics, Conditions};
+use crate::compiled::Number;
 use crate::error::{ClosureError, check_length};
 use crate::factors::{Factors, Regard};
 use crate::frames::Frames;
@@ -18,11 +19,11 @@ use crate::solution::Load;
 use crate::structure::Structure;
 use phipsi_model::Model;
 use phipsi_recursion::layout::GROUND;
-use phipsi_spatial::{Kernel, Motion, Real, Scalar, Vec3, Wrench};
+use phipsi_spatial::{Kernel, Motion, Vec3, Wrench};
 
 /// I − b̂b̂* at one configuration, as sweeps.
 #[derive(Clone, Debug)]
-pub struct Projection<T: Real> {
+pub struct Projection<T: Number> {
     closed: ClosedDynamics<T>,
     tree: Structure<T>,
     /// Poses for the tree, which has no loops.
@@ -33,7 +34,7 @@ pub struct Projection<T: Real> {
     force: Vec<T>,
 }
 
-impl<T: Real> Projection<T> {
+impl<T: Number> Projection<T> {
     /// The projection of a model at `q` (nq).
     ///
     /// # Errors
@@ -86,9 +87,9 @@ impl<T: Real> Projection<T> {
     /// [`ClosureError::Dynamics`] for a wrong length.
     pub fn apply(&mut self, x: &mut [T]) -> Result<(), ClosureError> {
         check_length("x", x, self.len())?;
-        Arithmetic::<T>::dispatch(Root { projection: self, x: T::arithmetic_mut(x), adjoint: false });
+        T::multiply_by_root(Root { projection: self, x: T::arithmetic_mut(x), adjoint: false });
         self.solve(x)?;
-        Arithmetic::<T>::dispatch(Root { projection: self, x: T::arithmetic_mut(x), adjoint: true });
+        T::multiply_by_root(Root { projection: self, x: T::arithmetic_mut(x), adjoint: true });
         Ok(())
     }
     /// x ← NN* x: accelerations of the closed mechanism at rest, without weight, under generalised forces. `x`: nv.
@@ -154,13 +155,13 @@ impl<T: Real> Projection<T> {
 }
 
 /// l or l*.
-struct Root<'a, T: Real> {
+pub(crate) struct Root<'a, T: Number> {
     projection: &'a mut Projection<T>,
     x: &'a mut [Arithmetic<T>],
     adjoint: bool,
 }
 
-impl<T: Real> Kernel for Root<'_, T> {
+impl<T: Number> Kernel for Root<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run(self) {

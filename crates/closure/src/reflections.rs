@@ -160,17 +160,11 @@ impl<T: Scalar> Panel<'_, T> {
         let mut step = Step { v, scale, beta, first, lower, squares: self.squares, width, pivot };
         let mut at = 0;
         while at < width {
-            match width - at {
+            at = match width - at {
                 12 => step.reflect::<12>(at),
                 16.. => step.reflect::<16>(at),
                 8.. => step.reflect::<8>(at),
                 _ => step.reflect::<GROUP>(at),
-            }
-            at += match width - at {
-                12 => 12,
-                16.. => 16,
-                8.. => 8,
-                _ => GROUP,
             };
         }
         let Step { v, first, .. } = step;
@@ -196,9 +190,9 @@ struct Step<'a, T> {
 }
 
 impl<T: Scalar> Step<'_, T> {
-    /// `C` columns from `at` on.
+    /// `C` columns from `at` on. Returns the column after them.
     #[inline(always)]
-    fn reflect<const C: usize>(&mut self, at: usize) {
+    fn reflect<const C: usize>(&mut self, at: usize) -> usize {
         let mut dot = [T::zero(); C];
         for (v, row) in self.v.iter().zip(self.lower.chunks_exact(self.width)) {
             dot = scale_add(*v, columns(row, at), dot);
@@ -219,6 +213,7 @@ impl<T: Scalar> Step<'_, T> {
             squares = add_squares(left, squares);
         }
         self.squares[at..at + C].copy_from_slice(&squares);
+        at + C
     }
 }
 

@@ -12,19 +12,22 @@
 //!
 //! Angular rows are multiplied with the scene's length throughout, so that λ of an angular row is a moment over that length.
 
+use crate::compiled::Number;
 use crate::factors::Factors;
 use crate::frames::Frames;
 use crate::number::{Arithmetic, larger, motion, size};
 use crate::structure::{Operation, Structure};
 use crate::tree::{Joint, Tree};
 use phipsi_recursion::layout::GROUND;
-use phipsi_spatial::{Kernel, Motion, Real, Scalar, Vec3, Wrench};
+use phipsi_spatial::{Kernel, Motion, Scalar, Vec3, Wrench};
 
 mod filter;
 mod modes;
 mod multipliers;
 mod plain;
 mod smoother;
+
+pub(crate) use multipliers::{ConstraintForce, LeastNorm};
 
 /// A redundant row whose right-hand side is not what the others imply.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,7 +96,7 @@ pub(crate) struct Load<'a, S> {
     pub(crate) ground: Vec3<S>,
 }
 
-impl<T: Real> Solution<T> {
+impl<T: Number> Solution<T> {
     pub(crate) fn new(
         structure: &Structure<T>,
         layout: &phipsi_recursion::Layout<T>,
@@ -147,7 +150,7 @@ impl<T: Real> Solution<T> {
         out: &mut [T],
     ) {
         let out = T::arithmetic_mut(out);
-        Arithmetic::<T>::dispatch(Run { solution: self, structure, tree, frames, factors, load, out });
+        T::solve(Run { solution: self, structure, tree, frames, factors, load, out });
     }
     #[inline(always)]
     fn sweep<const PLAIN: bool>(
@@ -279,7 +282,7 @@ impl<T: Real> Solution<T> {
     }
 }
 
-struct Run<'a, T: Real> {
+pub(crate) struct Run<'a, T: Number> {
     solution: &'a mut Solution<T>,
     structure: &'a Structure<T>,
     tree: &'a Tree<T>,
@@ -289,7 +292,7 @@ struct Run<'a, T: Real> {
     out: &'a mut [Arithmetic<T>],
 }
 
-impl<T: Real> Kernel for Run<'_, T> {
+impl<T: Number> Kernel for Run<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run(self) {
@@ -304,7 +307,7 @@ impl<T: Real> Kernel for Run<'_, T> {
 
 /// The first row that a join in place appends to its block, among all blocks' rows.
 #[inline(always)]
-fn appended<T: Real>(structure: &Structure<T>, factors: &Factors<T>, operation: &Operation) -> usize {
+fn appended<T: Number>(structure: &Structure<T>, factors: &Factors<T>, operation: &Operation) -> usize {
     let first = operation.output.map_or(0, |b| structure.blocks[b].row);
     first + operation.inputs.first().map_or(0, |(b, _)| factors.block_rows[*b])
 }

@@ -1,10 +1,10 @@
 //! Random mechanisms with loops against the dense equations in double-double numbers.
 
-use phipsi_closure::{ClosedDynamics, ClosedForm, ClosedInfo, ClosureMotion, Conditions, Prescribed};
+use phipsi_closure::{ClosedDynamics, ClosedForm, ClosedInfo, ClosureMotion, Conditions, Number, Prescribed};
 use phipsi_reference::generate::Case;
 use phipsi_reference::loops::{Active, ClosedCase, Combination, closed_again, closed_case, closed_case_of};
 use phipsi_reference::sensitivity::{sensitivity, widened};
-use phipsi_spatial::{Dd, Real, Vec3, Wrench};
+use phipsi_spatial::{Dd, Vec3, Wrench};
 
 /// Mechanisms that are tried.
 const CASES: u64 = 400;
@@ -41,7 +41,7 @@ pub(crate) struct Outcome<T> {
     length: f64,
 }
 
-pub(crate) fn run<T: Real>(closed: &ClosedCase, form: ClosedForm) -> Outcome<T> {
+pub(crate) fn run<T: Number>(closed: &ClosedCase, form: ClosedForm) -> Outcome<T> {
     let case = &closed.case;
     let convert = |x: &[f64]| -> Vec<T> { x.iter().map(|x| T::splat(*x)).collect() };
     let mut dynamics = ClosedDynamics::<T>::new(&case.model).unwrap().with_form(form).unwrap();

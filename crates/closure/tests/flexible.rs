@@ -1,7 +1,9 @@
 //! Loops over flexible bodies: random trees with closures between any of their bodies, against the dense equations in
 //! double-double numbers, with M and C of moving mass points and of Boltzmann–Hamel's equations.
 
-use phipsi_closure::{ClosedDynamics, ClosedInfo, ClosureError, ClosureMotion, Conditions, Prescribed};
+use phipsi_closure::{
+    ClosedDynamics, ClosedInfo, ClosureError, ClosureMotion, Conditions, Number, Prescribed,
+};
 use phipsi_model::{Closure, ClosureKind, Model, Placement, Random};
 use phipsi_reference::closed_dynamics::{ClosedSolution, Given, OpenTree, closed_tree, closure_rates};
 use phipsi_reference::flexible as slow;
@@ -127,7 +129,7 @@ fn scaled_condition(case: &FlexibleCase) -> f64 {
 /// Accelerations, multipliers, generalised constraint force and generalised forces; rank; the scene's length.
 type Outcome<T> = ([Vec<T>; 4], usize, f64);
 
-fn run<T: Real>(closed: &Closed) -> Outcome<T> {
+fn run<T: Number>(closed: &Closed) -> Outcome<T> {
     let case = &closed.case;
     let convert = |x: &[f64]| -> Vec<T> { x.iter().map(|x| T::splat(*x)).collect() };
     let model = with_closures(&case.model, &closed.closures);

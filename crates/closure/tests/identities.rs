@@ -1,6 +1,6 @@
 //! Identities of the projection I − b̂b̂* and of the projections onto the closures, in double and in double-double numbers.
 
-use phipsi_closure::{ClosedDynamics, ClosedMomenta, ClosureError, Conditions, Projection};
+use phipsi_closure::{ClosedDynamics, ClosedMomenta, ClosureError, Conditions, Number, Projection};
 use phipsi_model::Random;
 use phipsi_recursion::{Layout, solve_mass_matrix};
 use phipsi_reference::generate::Case;
@@ -31,7 +31,7 @@ fn growth(case: &Case) -> f64 {
 }
 
 /// Errors of: symmetry, idempotence, trace = n − rank, J l^−* (I − b̂b̂*) = 0 (relative to J l^−*).
-fn errors<T: Real>(closed: &ClosedCase) -> ([f64; 4], usize) {
+fn errors<T: Number>(closed: &ClosedCase) -> ([f64; 4], usize) {
     let case = &closed.case;
     let q: Vec<T> = case.q.iter().map(|x| T::splat(*x)).collect();
     let mut projection = Projection::<T>::new(&case.model, &q).unwrap();

@@ -2,9 +2,9 @@
 
 use super::ClosedDynamics;
 use super::square_root::SquareRoot;
+use crate::compiled::Number;
 use crate::error::ClosureError;
 use crate::factors::{Doubt, Plain, Regard};
-use phipsi_spatial::Real;
 use std::fmt;
 
 /// Forms of the elimination of loops.
@@ -40,7 +40,7 @@ impl fmt::Display for ClosedForm {
     }
 }
 
-impl<T: Real> ClosedDynamics<T> {
+impl<T: Number> ClosedDynamics<T> {
     /// The same, solved in another form by [`ClosedDynamics::run`]; projections and assembly are always mixed, and so are models with
     /// flexible bodies unless the plain or the square-root form is demanded, which they refuse.
     ///

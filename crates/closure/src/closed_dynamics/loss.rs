@@ -9,10 +9,11 @@
 //! random a, so that rows of any rank agree with each other.
 
 use super::{ClosedDynamics, ClosedForm, ClosureMotion, Conditions};
+use crate::compiled::Number;
 use crate::error::ClosureError;
 use phipsi_model::{Model, Random};
 use phipsi_recursion::{InverseDynamics, Layout};
-use phipsi_spatial::{Dd, Real};
+use phipsi_spatial::Dd;
 use std::fmt;
 
 /// A body that weighs this many times the lightest one of its loop is heavy: six of sixteen digits.
@@ -137,7 +138,7 @@ impl State {
         }
         Ok(if apart <= LOST { (apart / NEAR).max(1.0) } else { f64::INFINITY })
     }
-    fn solve<T: Real>(&self, dynamics: &mut ClosedDynamics<T>) -> Outcome {
+    fn solve<T: Number>(&self, dynamics: &mut ClosedDynamics<T>) -> Outcome {
         let of = |x: &[f64]| -> Vec<T> { x.iter().map(|x| T::splat(*x)).collect() };
         let (position, acceleration) = (of(&self.position), of(&self.acceleration));
         let still = vec![T::zero(); position.len()];

@@ -1,14 +1,15 @@
 //! What velocities and wrenches give: bias forces, bias accelerations and right-hand sides of the closures' rows.
 
 use super::{ClosedDynamics, Conditions};
+use crate::compiled::Number;
 use crate::frames::weight;
 use crate::number::{Arithmetic, motion, transform, vector, wrench};
 use crate::tree::Joint;
 use phipsi_recursion::hinge::Hinge;
 use phipsi_recursion::layout::GROUND;
-use phipsi_spatial::{Kernel, Motion, Real, RigidInertia, Scalar, Transform, Vec3, Wrench};
+use phipsi_spatial::{Kernel, Motion, RigidInertia, Scalar, Transform, Vec3, Wrench};
 
-impl<T: Real> ClosedDynamics<T> {
+impl<T: Number> ClosedDynamics<T> {
     /// Everything that velocities and wrenches give; returns the largest residual of the rates.
     #[inline(always)]
     fn set_motion(&mut self, (q, v): (&[T], &[T]), conditions: &Conditions<'_, T>) -> f64 {
@@ -111,14 +112,14 @@ impl<T: Real> ClosedDynamics<T> {
 }
 
 /// [`ClosedDynamics::set_motion`].
-pub(super) struct Rates<'a, 'b, T: Real> {
+pub(crate) struct Rates<'a, 'b, T: Number> {
     pub(super) dynamics: &'a mut ClosedDynamics<T>,
     /// q and v.
     pub(super) state: (&'a [T], &'a [T]),
     pub(super) conditions: &'a Conditions<'b, T>,
 }
 
-impl<T: Real> Kernel for Rates<'_, '_, T> {
+impl<T: Number> Kernel for Rates<'_, '_, T> {
     type Output = f64;
     #[inline(always)]
     fn run(self) -> f64 {

@@ -1,18 +1,19 @@
 //! A solved state: multipliers, constraint forces and what prescribed motions need.
 
 use super::{ClosedDynamics, ClosedInfo};
+use crate::compiled::Number;
 use crate::error::{ClosureError, check_length};
 use crate::factors::Redundant;
-use phipsi_spatial::{Real, Wrench};
+use phipsi_spatial::Wrench;
 
 /// A solved state; it borrows the workspace, so that what it gives belongs to that state.
 #[derive(Debug)]
-pub struct Solved<'a, T: Real> {
+pub struct Solved<'a, T: Number> {
     pub(super) dynamics: &'a mut ClosedDynamics<T>,
     pub(super) info: ClosedInfo,
 }
 
-impl<T: Real> Solved<'_, T> {
+impl<T: Number> Solved<'_, T> {
     /// How good it is.
     pub fn info(&self) -> ClosedInfo {
         self.info

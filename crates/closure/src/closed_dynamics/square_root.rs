@@ -11,6 +11,7 @@
 //! P − Ξ*Ξ and z + Ξ*s lose ε × (mass ratio) where heavy bodies hang on light ones; reflections of rows do not. W, X, ζ and the
 //! order of closing are those of the mixed form, but degrees of freedom of one joint go in the reverse order, displacements first.
 
+use crate::compiled::Number;
 use crate::factors::{Factors, Regard};
 use crate::frames::Frames;
 use crate::number::{Arithmetic, plain, wrench};
@@ -22,7 +23,7 @@ use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::square_root_forward_dynamics::body::BodyRows;
 use phipsi_recursion::square_root_forward_dynamics::rows::{Held, Row, Rows, covector, zero};
 use phipsi_recursion::{DynamicsError, Layout};
-use phipsi_spatial::{Kernel, Motion, Real, Scalar, Vec3, Wrench};
+use phipsi_spatial::{Kernel, Motion, Scalar, Vec3, Wrench};
 
 /// Rows of all bodies; none in a workspace of another form.
 #[derive(Clone, Debug)]
@@ -36,7 +37,7 @@ pub(crate) struct SquareRoot<T: Scalar> {
     at_parent: Rows<T>,
 }
 
-impl<T: Real> SquareRoot<T> {
+impl<T: Number> SquareRoot<T> {
     pub(super) fn new(model: &Model, layout: &Layout<T>) -> Self {
         let n = layout.len();
         SquareRoot {
@@ -61,7 +62,7 @@ impl<T: Real> SquareRoot<T> {
 }
 
 /// Factors and accelerations of one state.
-pub(super) struct Solve<'a, T: Real> {
+pub(crate) struct Solve<'a, T: Number> {
     pub(super) square_root: &'a mut SquareRoot<T>,
     pub(super) structure: &'a Structure<T>,
     pub(super) layout: &'a Layout<T>,
@@ -76,7 +77,7 @@ pub(super) struct Solve<'a, T: Real> {
     pub(super) out: &'a mut [Arithmetic<T>],
 }
 
-impl<T: Real> Kernel for Solve<'_, T> {
+impl<T: Number> Kernel for Solve<'_, T> {
     type Output = Result<(), DynamicsError>;
     #[inline(always)]
     fn run(mut self) -> Self::Output {
@@ -107,7 +108,7 @@ impl<T: Real> Kernel for Solve<'_, T> {
     }
 }
 
-impl<T: Real> Solve<'_, T> {
+impl<T: Number> Solve<'_, T> {
     /// Closes a loop at body k: its rows there.
     #[inline(always)]
     fn close(&mut self, index: usize, k: usize) {
@@ -201,13 +202,13 @@ impl<T: Real> Solve<'_, T> {
 
 /// The row that alone has an entry in a column from here on, if the column is more than rounding.
 #[inline(always)]
-fn take<T: Real>(stack: &mut Rows<T>, column: usize) -> Option<Row<T>> {
+fn take<T: Number>(stack: &mut Rows<T>, column: usize) -> Option<Row<T>> {
     if stack.is_rounding(column) { None } else { stack.take(column) }
 }
 
 /// p inboard of a joint, whose passive components are the joint's own forces exactly, whatever the size of p.
 #[inline(always)]
-fn hinge_exact<T: Real>(
+fn hinge_exact<T: Number>(
     body: &TreeBody<T>,
     components: &[usize],
     p: Wrench<T>,

@@ -7,6 +7,7 @@
 //! | w | D^−½(HC* + E), row of the loops on the residual | m |
 
 use super::{Done, Factors};
+use crate::compiled::Number;
 use crate::frames::{Frames, weight};
 use crate::number::Arithmetic;
 use crate::structure::{Operation, Passing, Station, Structure};
@@ -14,9 +15,9 @@ use crate::tree::{Joint, Tree, TreeBody};
 use phipsi_recursion::hinge::Hinge;
 use phipsi_recursion::layout::GROUND;
 use phipsi_recursion::{DynamicsError, Layout};
-use phipsi_spatial::{ArticulatedInertia, Real, Scalar, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Scalar, Wrench};
 
-impl<T: Real> Factors<T> {
+impl<T: Number> Factors<T> {
     /// Eliminates the joint of a body, or modes; returns what it lets through, in the parent's frame, if there is one.
     #[inline(always)]
     pub(super) fn join<const PLAIN: bool>(
@@ -273,14 +274,14 @@ impl<T: Real> Factors<T> {
 }
 
 /// The error of a degree of freedom whose pivot failed.
-fn singular_at<T: Real>(layout: &Layout<T>, i: usize, inertia: f64) -> DynamicsError {
+fn singular_at<T: Number>(layout: &Layout<T>, i: usize, inertia: f64) -> DynamicsError {
     let (joint, component) = layout.joint_of_velocity(i);
     DynamicsError::SingularHinge { joint: joint.to_string(), component, inertia }
 }
 
 /// P H*: a column of P, but for helical joints.
 #[inline(always)]
-fn joint_column<T: Real>(
+fn joint_column<T: Number>(
     P: &ArticulatedInertia<Arithmetic<T>>,
     hinge: &Hinge<T>,
     i: usize,
@@ -293,7 +294,7 @@ fn joint_column<T: Real>(
 
 /// |part of a row that the i-th axis of a joint turns or moves|²: what H C* could be in any direction.
 #[inline(always)]
-fn lever<T: Real>(hinge: &Hinge<T>, i: usize, c: &Wrench<Arithmetic<T>>) -> Arithmetic<T> {
+fn lever<T: Number>(hinge: &Hinge<T>, i: usize, c: &Wrench<Arithmetic<T>>) -> Arithmetic<T> {
     let (moment, force) = (c.moment.dot(c.moment), c.force.dot(c.force));
     match hinge {
         Hinge::Helical { pitch } => {

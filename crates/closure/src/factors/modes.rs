@@ -10,11 +10,12 @@
 //! | w | L⁻¹C_e*, row of the loop on ξ | n×m |
 
 use super::Factors;
+use crate::compiled::Number;
 use crate::frames::Frames;
 use crate::number::{Arithmetic, motion, wrench};
 use crate::structure::Structure;
 use phipsi_recursion::flexible::HeldBody;
-use phipsi_spatial::{ArticulatedInertia, Motion, Real, Scalar, Sym3, Vec3, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Motion, Scalar, Sym3, Vec3, Wrench};
 
 /// Inertia of the modes of one body, and its factor.
 #[derive(Clone, Debug)]
@@ -31,7 +32,7 @@ impl<S: Scalar> Modes<S> {
     }
     /// M′; returns the block of the hinge frame.
     #[inline(always)]
-    pub(super) fn begin<T: Real<Arithmetic = S>>(&mut self, held: &HeldBody<T>) -> ArticulatedInertia<S> {
+    pub(super) fn begin<T: Number<Arithmetic = S>>(&mut self, held: &HeldBody<T>) -> ArticulatedInertia<S> {
         let (ee, ed, dd) = held.mass();
         self.L.copy_from_slice(T::arithmetic(ee));
         for (to, from) in self.W.iter_mut().zip(ed) {
@@ -41,7 +42,7 @@ impl<S: Scalar> Modes<S> {
     }
     /// Adds [Π, 1]* P [Π, 1] of something attached but its block of the hinge frame.
     #[inline(always)]
-    pub(super) fn add<T: Real<Arithmetic = S>>(&mut self, screws: &[Motion<T>], P: &ArticulatedInertia<S>) {
+    pub(super) fn add<T: Number<Arithmetic = S>>(&mut self, screws: &[Motion<T>], P: &ArticulatedInertia<S>) {
         let n = self.W.len();
         for l in 0..n {
             let moved = P.times(motion(screws[l]));
@@ -55,7 +56,7 @@ impl<S: Scalar> Modes<S> {
 
 /// An articulated inertia to compute with.
 #[inline(always)]
-fn inertia<T: Real>(P: &ArticulatedInertia<T>) -> ArticulatedInertia<Arithmetic<T>> {
+fn inertia<T: Number>(P: &ArticulatedInertia<T>) -> ArticulatedInertia<Arithmetic<T>> {
     let symmetric = |m: &Sym3<T>| {
         let [xx, xy, xz, yy, yz, zz] = [m.xx, m.xy, m.xz, m.yy, m.yz, m.zz].map(T::to_arithmetic);
         Sym3 { xx, xy, xz, yy, yz, zz }
@@ -68,7 +69,7 @@ fn inertia<T: Real>(P: &ArticulatedInertia<T>) -> ArticulatedInertia<Arithmetic<
     }
 }
 
-impl<T: Real> Factors<T> {
+impl<T: Number> Factors<T> {
     /// Eliminates the modes of flexible body `i`, with degrees of freedom from `v` on, at their station; appends their rows from
     /// `row` on. P: the block of the hinge frame before, what the modes let through after.
     ///

@@ -18,13 +18,14 @@
 //! if its own w is rounding; anything else is a doubt, and the state is for the mixed form.
 
 use super::{Done, Factors};
+use crate::compiled::Number;
 use crate::frames::Frames;
 use crate::number::{Arithmetic, larger};
 use crate::reflections::{GROUP, add_scaled};
 use crate::structure::{LoopKind, Operation, Structure};
 use crate::tree::Tree;
 use phipsi_recursion::hinge::Hinge;
-use phipsi_spatial::{Real, Scalar, Wrench};
+use phipsi_spatial::{Scalar, Wrench};
 
 /// Pivots of Ω over the square of their loop's scale that are kept: σ above 1e-4, where squares have half of the digits.
 const KEPT: f64 = 1e-8;
@@ -89,7 +90,7 @@ pub(crate) struct Plain<T: Scalar> {
     own: Vec<Arithmetic<T>>,
 }
 
-impl<T: Real> Plain<T> {
+impl<T: Number> Plain<T> {
     pub(crate) fn none() -> Self {
         Plain {
             used: false,
@@ -162,7 +163,7 @@ impl<T: Real> Plain<T> {
     }
 }
 
-impl<T: Real> Factors<T> {
+impl<T: Number> Factors<T> {
     /// Ω = 0, C = 0.
     #[inline(always)]
     pub(super) fn clear_plain(&mut self, structure: &Structure<T>) {

@@ -3,15 +3,16 @@
 //! Symbols: those of [`super`].
 
 use super::{Load, Own, Solution, appended, most_of};
+use crate::compiled::Number;
 use crate::factors::{Done, Factors};
 use crate::frames::{Frames, weight};
 use crate::number::{Arithmetic, larger, size};
 use crate::structure::{LoopKind, Operation, Structure};
 use crate::tree::Tree;
 use phipsi_recursion::hinge::Hinge;
-use phipsi_spatial::{Motion, Real, Scalar, Wrench};
+use phipsi_spatial::{Motion, Scalar, Wrench};
 
-impl<T: Real> Solution<T> {
+impl<T: Number> Solution<T> {
     /// A term of a row.
     #[inline(always)]
     pub(super) fn note(&mut self, row: usize, term: Arithmetic<T>) {

@@ -6,12 +6,13 @@
 //! | η̈ | L^−*(ξ + s − Ξα), ξ the residuals that the loops demand | n |
 
 use super::{Load, Solution};
+use crate::compiled::Number;
 use crate::factors::Factors;
 use crate::number::Arithmetic;
 use crate::structure::Structure;
-use phipsi_spatial::{Motion, Real, Scalar};
+use phipsi_spatial::{Motion, Scalar};
 
-impl<T: Real> Solution<T> {
+impl<T: Number> Solution<T> {
     /// The filter at the modes of flexible body `i`: n degrees of freedom from `v` on, at station k.
     #[inline(always)]
     pub(super) fn filter_modes(

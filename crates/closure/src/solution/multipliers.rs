@@ -9,14 +9,15 @@
 //! outward substitutions, those with U* inward ones, so that no null vector is ever stored.
 
 use super::Solution;
+use crate::compiled::Number;
 use crate::factors::Factors;
 use crate::frames::{Frames, weight};
 use crate::number::{Arithmetic, motion};
 use crate::structure::{LoopKind, Structure};
 use crate::tree::{Joint, Tree};
-use phipsi_spatial::{Kernel, Real, Scalar, Wrench};
+use phipsi_spatial::{Kernel, Scalar, Wrench};
 
-impl<T: Real> Solution<T> {
+impl<T: Number> Solution<T> {
     /// λ of one loop from those closed after it: R λ = η₁ − Σ W'_o λ_o with η₁ on `self.x`, redundant rows without force; or,
     /// not `driven`, with η₁ = 0 and the redundant rows' λ as they are.
     #[inline(always)]
@@ -54,7 +55,7 @@ impl<T: Real> Solution<T> {
     /// λ without its part in the null space of W: the multipliers of least norm. Conjugate gradients on the null vectors, one
     /// per redundant row.
     pub(crate) fn least_norm(&mut self, structure: &Structure<T>, factors: &Factors<T>) {
-        Arithmetic::<T>::dispatch(LeastNorm { solution: self, structure, factors });
+        T::least_norm(LeastNorm { solution: self, structure, factors });
     }
     #[inline(always)]
     fn take_out_null(&mut self, structure: &Structure<T>, factors: &Factors<T>) {
@@ -157,7 +158,7 @@ impl<T: Real> Solution<T> {
         out: &mut [T],
     ) {
         let out = T::arithmetic_mut(out);
-        Arithmetic::<T>::dispatch(ConstraintForce { solution: self, structure, tree, frames, out });
+        T::constraint_force(ConstraintForce { solution: self, structure, tree, frames, out });
     }
     #[inline(always)]
     fn gather_force(
@@ -226,13 +227,13 @@ impl<T: Real> Solution<T> {
     }
 }
 
-struct LeastNorm<'a, T: Real> {
+pub(crate) struct LeastNorm<'a, T: Number> {
     solution: &'a mut Solution<T>,
     structure: &'a Structure<T>,
     factors: &'a Factors<T>,
 }
 
-impl<T: Real> Kernel for LeastNorm<'_, T> {
+impl<T: Number> Kernel for LeastNorm<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run(self) {
@@ -240,7 +241,7 @@ impl<T: Real> Kernel for LeastNorm<'_, T> {
     }
 }
 
-struct ConstraintForce<'a, T: Real> {
+pub(crate) struct ConstraintForce<'a, T: Number> {
     solution: &'a Solution<T>,
     structure: &'a Structure<T>,
     tree: &'a Tree<T>,
@@ -248,7 +249,7 @@ struct ConstraintForce<'a, T: Real> {
     out: &'a mut [Arithmetic<T>],
 }
 
-impl<T: Real> Kernel for ConstraintForce<'_, T> {
+impl<T: Number> Kernel for ConstraintForce<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run(self) {
@@ -258,7 +259,7 @@ impl<T: Real> Kernel for ConstraintForce<'_, T> {
 
 /// x*x.
 #[inline(always)]
-fn square<T: Real>(x: &[Arithmetic<T>]) -> Arithmetic<T> {
+fn square<T: Number>(x: &[Arithmetic<T>]) -> Arithmetic<T> {
     let mut sum = Arithmetic::<T>::splat(0.0);
     for x in x {
         sum = x.fma(*x, sum);

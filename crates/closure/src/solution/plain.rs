@@ -6,13 +6,14 @@
 //! | ξ | w λ | r |
 
 use super::{Own, Solution, most_of};
+use crate::compiled::Number;
 use crate::factors::Factors;
 use crate::number::{Arithmetic, larger, size};
 use crate::structure::Structure;
 use crate::tree::Tree;
-use phipsi_spatial::{Motion, Real, Scalar};
+use phipsi_spatial::{Motion, Scalar};
 
-impl<T: Real> Solution<T> {
+impl<T: Number> Solution<T> {
     /// c −= C a at the joint of body k.
     #[inline(always)]
     pub(super) fn carry_plain(

@@ -3,14 +3,15 @@
 //! Symbols: those of [`super`].
 
 use super::{Load, Own, Solution, appended};
+use crate::compiled::Number;
 use crate::factors::{Done, Factors};
 use crate::number::{Arithmetic, larger, size};
 use crate::structure::{Operation, Structure};
 use crate::tree::Tree;
 use phipsi_recursion::hinge::Hinge;
-use phipsi_spatial::{Motion, Real, Scalar};
+use phipsi_spatial::{Motion, Scalar};
 
-impl<T: Real> Solution<T> {
+impl<T: Number> Solution<T> {
     /// η of the i-th passive degree of freedom of a joint: what the loops demand.
     #[inline(always)]
     pub(super) fn residual(&self, own: Own, i: usize) -> Arithmetic<T> {
