@@ -4,6 +4,7 @@ use crate::event::Occurrence;
 use phipsi_model::State;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 /// Ends of steps and what happened, as they come; the samples when the run has ended. Readers wait for what is not there yet, so what
 /// they see does not depend on when they look.
@@ -33,29 +34,23 @@ struct Left {
     events: Vec<Occurrence>,
     samples: Vec<State>,
     ended: bool,
-    /// Readers that wait for steps; one that waits for the end alone is not woken before.
-    waiting: usize,
 }
+
+/// How long a reader sleeps before it looks again: at first, and at most. It looks by itself, for to wake it would cost the writer
+/// some microseconds each time.
+const LOOK: [Duration; 2] = [Duration::from_micros(20), Duration::from_millis(5)];
 
 impl Trail {
     /// Of a run that has ended: ends of all steps, what happened, samples.
     pub fn of_ended(steps: &[f64], events: &[Occurrence], samples: &[State]) -> Self {
         let (steps, events, samples) = (steps.to_vec(), events.to_vec(), samples.to_vec());
-        Trail {
-            left: Mutex::new(Left { steps, events, samples, ended: true, waiting: 0 }),
-            ..Trail::default()
-        }
+        Trail { left: Mutex::new(Left { steps, events, samples, ended: true }), ..Trail::default() }
     }
     /// Adds ends of accepted steps and all that happened up to the last of them.
     pub fn advance(&self, steps: &[f64], events: &[Occurrence]) {
         let mut left = self.lock();
         left.steps.extend_from_slice(steps);
         left.events.extend_from_slice(events);
-        let awaited = left.waiting > 0;
-        drop(left);
-        if awaited {
-            self.news.notify_all();
-        }
     }
     /// The run has ended; its states at the instants at which it is judged.
     pub fn end(&self, samples: Vec<State>) {
@@ -95,11 +90,11 @@ impl Trail {
         self.left.lock().unwrap_or_else(PoisonError::into_inner)
     }
     fn wait_for(&self, is_there: impl Fn(&Left) -> bool) -> MutexGuard<'_, Left> {
-        let waits = |left: &mut Left| !left.ended && !is_there(left);
-        let mut left = self.lock();
-        left.waiting += 1;
-        let mut left = self.news.wait_while(left, waits).unwrap_or_else(PoisonError::into_inner);
-        left.waiting -= 1;
+        let (mut left, mut patience) = (self.lock(), LOOK[0]);
+        while !left.ended && !is_there(&left) {
+            left = self.news.wait_timeout(left, patience).unwrap_or_else(PoisonError::into_inner).0;
+            patience = LOOK[1].min(2 * patience);
+        }
         left
     }
 }

@@ -14,8 +14,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// Wall time between two messages to the companion: waking it takes some microseconds, which many steps do not.
-const NEWS: Duration = Duration::from_micros(100);
+/// Wall time between two messages to the companion, each of which takes a lock.
+const NEWS: Duration = Duration::from_micros(50);
 
 /// Wall time between two looks whether the user wants to stop.
 const PATIENCE: Duration = Duration::from_millis(20);
