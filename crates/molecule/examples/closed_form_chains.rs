@@ -1,6 +1,7 @@
 //! Chains of beads against their closed-form distributions, with Fixman's potential and without: χ² of many samples.
 //!
-//! `cargo run --release -p phipsi-molecule --example closed_form_chains -- 1000000` (samples of each case)
+//! `cargo run --release -p phipsi-molecule --example closed_form_chains -- 1000000` (samples of each case); with a word after the
+//! number, only the cases whose name has it, as in `1000000 jointed` or `1000000 'stiff limit'`.
 //!
 //! A sample is the end of six Monte Carlo trajectories of ten steps, after which nothing is left of the last one. The samples
 //! are drawn in threads, each with a stream of its own, so that the numbers do not depend on how many threads run.
@@ -32,9 +33,13 @@ struct Case<'a> {
     rigid: Density<'a>,
 }
 
-fn run(case: &Case<'_>, samples: usize) {
+fn run(case: &Case<'_>, samples: usize, only: &str) {
     let uniform = |_: f64| 1.0;
     for fixman in [false, true] {
+        let name = format!("{}, {}", case.name, if fixman { "stiff limit" } else { "rigid" });
+        if !name.contains(only) {
+            continue;
+        }
         let clock = Instant::now();
         let threads = std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
         let mut all = vec![(Vec::new(), 0.0); RUNS as usize];
@@ -57,9 +62,7 @@ fn run(case: &Case<'_>, samples: usize) {
         let (right, wrong): (Density<'_>, Density<'_>) =
             if fixman { (&uniform, case.rigid) } else { (case.rigid, &uniform) };
         println!(
-            "| {}, {} | {} | {acceptance:.3} | {lag:.4} | {:.3} | {:.0e} | {:.0} |",
-            case.name,
-            if fixman { "stiff limit" } else { "rigid" },
+            "| {name} | {} | {acceptance:.3} | {lag:.4} | {:.3} | {:.0e} | {:.0} |",
             x.len(),
             p_value(&x, case.range, 40, right),
             p_value(&x, case.range, 40, wrong),
@@ -70,6 +73,7 @@ fn run(case: &Case<'_>, samples: usize) {
 
 fn main() {
     let samples = std::env::args().nth(1).and_then(|a| a.parse().ok()).unwrap_or(1_000_000);
+    let only = std::env::args().nth(2).unwrap_or_default();
     println!(
         "| chain, distribution | samples | acceptance | correlation of neighbours | p | p of the other distribution | s |"
     );
@@ -86,6 +90,7 @@ fn main() {
             rigid: &|phi| rigid_torsion(15.0, 15.0, -1.0 / 3.0, phi),
         },
         samples,
+        &only,
     );
     let masses = [15.0; 3];
     let model = jointed(&masses);
@@ -99,5 +104,6 @@ fn main() {
             rigid: &|u| root_of_constraints(&masses, &[u]),
         },
         samples,
+        &only,
     );
 }
