@@ -1,6 +1,7 @@
 //! Rosenbrock methods: linearisations against differences, orders, a stiff scene.
 
 use crate::common::*;
+use crate::midpoint_loops::{models, started};
 use phipsi_model::{Model, State};
 use phipsi_motion::forces::{
     BodyWrench, CentralGravity, JointDissipation, JointSpring, JointTorque, PointSpring, Servo, Thruster,
@@ -11,7 +12,7 @@ use phipsi_motion::{Dynamics, Force, Integrator, Linearization, Method, Signal, 
 use phipsi_reference::generate::case;
 use phipsi_spatial::Vec3;
 
-/// Every force that has derivatives, on bodies and joints of a model.
+/// Every kind of force but the user's own, on bodies and joints of a model.
 fn forces(model: &Model, seed: u64) -> Vec<Box<dyn Force>> {
     let mut forces: Vec<Box<dyn Force>> = Vec::new();
     let one_axis = |k: &usize| model.joints()[*k].kind.nv() == 1;
@@ -34,6 +35,17 @@ fn forces(model: &Model, seed: u64) -> Vec<Box<dyn Force>> {
             damping: 0.3,
             integral: 1.5,
             limit: f64::INFINITY,
+        }));
+        // At its limit, far from where that begins: a constant force.
+        forces.push(Box::new(Servo {
+            name: "limited".into(),
+            coordinate,
+            dof,
+            target: Signal::Constant(9.0),
+            stiffness: 2.0,
+            damping: 0.3,
+            integral: 0.0,
+            limit: 0.05,
         }));
         forces.push(Box::new(JointTorque { name: "torque".into(), dof, value: Signal::Constant(0.4) }));
     }
@@ -58,13 +70,10 @@ fn forces(model: &Model, seed: u64) -> Vec<Box<dyn Force>> {
         }));
     }
     let pull = [0.3, -0.2, 0.5, 1.0, 2.0, -1.5].map(Signal::Constant);
-    forces.push(Box::new(BodyWrench {
-        name: "pull".into(),
-        body,
-        point: Vec3([0.2, 0.1, -0.3]),
-        axes: WrenchAxes::World,
-        components: pull,
-    }));
+    for (name, axes) in [("pull", WrenchAxes::World), ("jet", WrenchAxes::Body)] {
+        let (point, components) = (Vec3([0.2, 0.1, -0.3]), pull.clone());
+        forces.push(Box::new(BodyWrench { name: name.into(), body, point, axes, components }));
+    }
     forces.push(Box::new(CentralGravity::new("planet", model, 7.0, [3.0, -4.0, 5.0])));
     forces.push(Box::new(Thruster {
         name: "thruster".into(),
@@ -186,6 +195,34 @@ fn orders_show_on_a_free_base() {
         let observed = order_of(&model, &Vec::new, &start, method, &[10, 14, 20, 28]);
         let order = f64::from(method.order());
         assert!((observed - order).abs() < 0.4, "{method:?}: observed {observed:.2}");
+    }
+}
+
+/// Closed loops: every step ends with a projection onto them, redundant rows included, and the order is what it is on trees. With springs
+/// and dampers, whose derivatives enter the Jacobian of the closed dynamics.
+#[test]
+fn orders_show_on_closed_loops() {
+    for model in models() {
+        let (_, q, v) = started(&model, 3);
+        let start = State { q, v, t: 0.0 };
+        let make = || -> Vec<Box<dyn Force>> {
+            let hinges = model.moving_joints().filter(|&k| model.joints()[k].kind.nv() == 1).take(2);
+            let springs = hinges.map(|k| JointSpring {
+                name: format!("spring {k}"),
+                coordinate: model.q_offset(k),
+                dof: model.v_offset(k),
+                stiffness: 5.0,
+                damping: 0.5,
+                rest: 0.2,
+            });
+            springs.map(|spring| Box::new(spring) as Box<dyn Force>).collect()
+        };
+        for method in [Method::Rodas4, Method::Rodas5p] {
+            let observed = order_of(&model, &make, &start, method, &[40, 56, 80, 112, 160]);
+            let order = f64::from(method.order());
+            println!("{}: {method:?}: observed {observed:.2}", model.name());
+            assert!((observed - order).abs() < 0.4, "{}, {method:?}: observed {observed:.2}", model.name());
+        }
     }
 }
 
