@@ -1,8 +1,28 @@
-//! Factors of a square matrix with partial pivoting: nalgebra's elimination and substitutions in a matrix that is kept, so that
-//! nothing allocates after it is made.
+//! Factors of a square matrix with partial pivoting, P A = L U: nalgebra's elimination and substitutions in a matrix that is kept, so that
+//! nothing allocates after it is made; for large matrices faer's elimination, whose products are blocked.
+//!
+//! Measured on one core of an AMD EPYC (Zen 5), 2026-11-30, random matrices, least of 60 rounds, µs:
+//!
+//! | n | nalgebra's factors | faer's | nalgebra's substitutions | faer's |
+//! |---|---|---|---|---|
+//! | 16 | 0.43 | 0.86 | 0.18 | 0.27 |
+//! | 32 | 2.4 | 2.3 | 0.43 | 0.65 |
+//! | 48 | 6.8 | 4.8 | 0.65 | 1.1 |
+//! | 64 | 16 | 9.2 | 0.98 | 1.7 |
+//! | 128 | 126 | 41 | 2.9 | 4.2 |
+//! | 200 | 450 | 114 | 6.9 | 8.1 |
+//!
+//! Steps have eight substitutions at most, which stay nalgebra's.
 
+use faer::dyn_stack::MemStack;
+use faer::linalg::lu::partial_pivoting::factor::lu_in_place;
+use faer::{MatMut, Par};
 use nalgebra::linalg::{gauss_step, gauss_step_swap};
 use nalgebra::{DMatrix, DVectorViewMut};
+use std::mem::MaybeUninit;
+
+/// Size from which faer eliminates: it is faster from 32 on, by as much as a step notices from here.
+const LARGE: usize = 48;
 
 /// A matrix, then its factors.
 #[derive(Clone, Debug)]
@@ -11,15 +31,55 @@ pub(crate) struct Lu {
     pub(crate) entries: DMatrix<f64>,
     /// The row that changed places with each.
     rows: Vec<usize>,
+    /// What faer needs; empty for small matrices.
+    large: Large,
+}
+
+/// What faer's elimination needs, and what makes exchanges of its permutation.
+#[derive(Clone, Debug)]
+struct Large {
+    order: Vec<usize>,
+    places: Vec<usize>,
+    rows_at: Vec<usize>,
+    room: Vec<MaybeUninit<usize>>,
+}
+
+impl Large {
+    fn new(n: usize) -> Self {
+        let zero = || vec![0; n];
+        Large { order: zero(), places: zero(), rows_at: zero(), room: vec![MaybeUninit::uninit(); n] }
+    }
+    /// Factors a matrix; what it does to the rows becomes exchanges of each row with itself or a later one.
+    fn run(&mut self, entries: &mut DMatrix<f64>, exchanged: &mut [usize]) {
+        let n = exchanged.len();
+        let matrix = MatMut::from_column_major_slice_mut(entries.as_mut_slice(), n, n);
+        let Large { order, places, rows_at, room } = self;
+        lu_in_place(matrix, order, places, Par::Seq, MemStack::new_any(room), Default::default());
+        // Row p of P A is row order[p] of A. From here on `places`: where each row of A is after the exchanges so far; `rows_at`: which row
+        // is at each place.
+        for i in 0..n {
+            (places[i], rows_at[i]) = (i, i);
+        }
+        for p in 0..n {
+            let place = places[order[p]];
+            exchanged[p] = place;
+            let row = rows_at[p];
+            (rows_at[place], places[row]) = (row, place);
+        }
+    }
 }
 
 impl Lu {
     pub(crate) fn new(n: usize) -> Self {
-        Lu { entries: DMatrix::zeros(n, n), rows: vec![0; n] }
+        let large = Large::new(if n < LARGE { 0 } else { n });
+        Lu { entries: DMatrix::zeros(n, n), rows: vec![0; n], large }
     }
     /// Factors the entries, in n³/3 multiplications.
     pub(crate) fn run(&mut self) {
         let n = self.rows.len();
+        if n >= LARGE {
+            return self.large.run(&mut self.entries, &mut self.rows);
+        }
         for p in 0..n {
             let row = p + self.entries.view_range(p.., p).iamax();
             self.rows[p] = row;
@@ -64,13 +124,51 @@ mod tests {
         assert!(x.iter().zip(want).all(|(x, w)| (x - w).abs() < 8.0 * f64::EPSILON), "{x:?}");
     }
 
+    /// Both eliminations solve what both meet: A x = b with rows that have to change places, to the backward error of elimination.
+    #[test]
+    fn both_eliminations_solve() {
+        for n in [1, 2, 7, LARGE - 1, LARGE, LARGE + 1, 64, 97, 200] {
+            let mut lu = Lu::new(n);
+            let mut seed = n as u64;
+            let mut random = || {
+                seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (seed >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+            };
+            let matrix = DMatrix::from_fn(n, n, |_, _| random());
+            let b: Vec<f64> = (0..n).map(|_| random()).collect();
+            // Twice: what was kept of one factorisation has no part in the next.
+            for _ in 0..2 {
+                lu.entries.copy_from(&matrix);
+                lu.run();
+                let mut x = b.clone();
+                lu.solve(&mut x);
+                let x = nalgebra::DVector::from_vec(x);
+                // n ε times growth of the pivots, below n^(2/3) on random matrices.
+                let bar = (n as f64).powf(5.0 / 3.0) * f64::EPSILON * matrix.amax() * x.amax() * n as f64;
+                let off = (&matrix * &x - nalgebra::DVector::from_column_slice(&b)).amax();
+                assert!(off <= bar, "{n}: {off:e} {bar:e}");
+            }
+            let rows = lu.rows.iter().enumerate().all(|(p, &row)| row >= p && row < n);
+            assert!(rows, "{n}: {:?}", lu.rows);
+        }
+    }
+
     #[test]
     fn a_singular_matrix_has_no_solution() {
-        let mut lu = Lu::new(2);
-        lu.entries.copy_from_slice(&[1.0, 2.0, 2.0, 4.0]);
-        lu.run();
-        let mut x = [1.0, 0.0];
-        lu.solve(&mut x);
-        assert!(x.iter().all(|x| !x.is_finite()), "{x:?}");
+        for n in [2, LARGE + 3] {
+            for fill in [f64::NAN, 0.0] {
+                let mut lu = Lu::new(n);
+                lu.entries.fill_with_identity();
+                // The last two rows and columns: of rank one, or no numbers.
+                let filled = [[1.0, 2.0], [2.0, 4.0]];
+                for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                    lu.entries[(n - 2 + i, n - 2 + j)] = filled[i][j] + fill;
+                }
+                lu.run();
+                let mut x = vec![1.0; n];
+                lu.solve(&mut x);
+                assert!(x[n - 2..].iter().all(|x| !x.is_finite()), "{n}: {x:?}");
+            }
+        }
     }
 }
