@@ -87,11 +87,11 @@ fn degrees_of_freedom_are_counted_from_the_rank() {
     assert_eq!((both.clusters().closures.len(), both.clusters().bends()), (2, 3));
     assert_eq!(both.degrees_of_freedom(), rigid.degrees_of_freedom() + 2 + (20 - 6));
 
-    // Head to tail: a ring of eighteen. φ of each of its two prolines is one of the two coordinates of pucker there.
+    // Head to tail: a ring of eighteen, and two prolines, of whose two coordinates of pucker each one is a φ of the large ring.
     let (cycle, _) = model("cyclo_apg2", "min", &flexible());
     let (rigid, _) = model("cyclo_apg2", "min", &Clustering::default());
     assert_eq!((cycle.clusters().closures.len(), cycle.clusters().bends()), (3, 6));
-    assert_eq!(cycle.degrees_of_freedom(), rigid.degrees_of_freedom() + (18 - 6) + 2 * (2 - 1));
+    assert_eq!(cycle.degrees_of_freedom(), rigid.degrees_of_freedom() + (18 - 6) + 2);
 
     // Aromatic rings stay rigid.
     let (aromatic, _) = model("met_enkephalin", "min", &flexible());

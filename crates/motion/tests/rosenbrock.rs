@@ -258,6 +258,43 @@ fn a_stiff_spring_does_not_limit_the_step() {
     }
 }
 
+/// A chain long enough for the other elimination of its matrix: damped springs at all hinges, against an explicit method.
+#[test]
+fn a_long_stiff_chain_moves_as_by_an_explicit_method() {
+    use phipsi_model::{Body, Inertia, Joint, ModelBuilder, Placement};
+    let n = 50;
+    let mut builder = ModelBuilder::new("chain").gravity([0.0, 0.0, -9.81]);
+    for i in 0..n {
+        let rod = Inertia::from_principal(1.0, [0.0, 0.0, -0.05], [1e-3, 1e-3, 1e-4]);
+        let below = if i == 0 { 0.0 } else { -0.1 };
+        let at = Placement { translation: [0.0, 0.0, below], ..Placement::IDENTITY };
+        let parent = if i == 0 { "world".into() } else { format!("rod{}", i - 1) };
+        let name = format!("rod{i}");
+        builder = builder.body(Body::new(name.as_str(), rod));
+        builder = builder.joint(Joint::new(format!("hinge{i}"), Y).at(at), parent, name.as_str());
+    }
+    let model = builder.build().unwrap();
+    let make = || -> Vec<Box<dyn Force>> {
+        let spring = |i: usize| JointSpring {
+            name: format!("spring {i}"),
+            coordinate: i,
+            dof: i,
+            stiffness: 10.0,
+            damping: 1.0,
+            rest: 0.0,
+        };
+        (0..n).map(|i| Box::new(spring(i)) as Box<dyn Force>).collect()
+    };
+    let q: Vec<f64> = (0..n).map(|i| 0.2 * (1.0 + i as f64).sin()).collect();
+    let at_rest = vec![0.0; n];
+    let (exact, many) = run(&mut free_fall(&model, make()), Method::Dop853, 1e-9, &q, &at_rest, 0.05);
+    let (end, few) = run(&mut free_fall(&model, make()), Method::Rodas5p, 1e-7, &q, &at_rest, 0.05);
+    let away = model.difference(exact.q(), end.q()).iter().fold(0.0f64, |m, x| m.max(x.abs()));
+    println!("{} steps, {} explicit: {away:.1e} rad apart", few.len(), many.len());
+    // So many steps, each wrong by its tolerance, which dampers do not let grow.
+    assert!(away < few.len() as f64 * 1e-7 && few.len() < many.len(), "{away:e}");
+}
+
 /// Samples inside stiff steps are as good as the steps.
 #[test]
 fn dense_output_has_the_order_of_the_embedded_method() {
