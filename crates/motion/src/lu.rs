@@ -1,18 +1,19 @@
 //! Factors of a square matrix with partial pivoting, P A = L U: nalgebra's elimination and substitutions in a matrix that is kept, so that
 //! nothing allocates after it is made; with the feature `large-matrices`, for these, faer's elimination, whose products are blocked.
 //!
-//! Measured on one core of an AMD EPYC (Zen 5), 2026-11-30, random matrices, least of 60 rounds, µs:
+//! Measured on one core of an AMD EPYC (Zen 5), 2026-11-30, loaded with other work, least of 20 rounds, µs
+//! (`cargo test --release -p phipsi-motion --features large-matrices --lib lu -- --nocapture`):
 //!
-//! | n | nalgebra's factors | faer's | nalgebra's substitutions | faer's |
-//! |---|---|---|---|---|
-//! | 16 | 0.43 | 0.86 | 0.18 | 0.27 |
-//! | 32 | 2.4 | 2.3 | 0.43 | 0.65 |
-//! | 48 | 6.8 | 4.8 | 0.65 | 1.1 |
-//! | 64 | 16 | 9.2 | 0.98 | 1.7 |
-//! | 128 | 126 | 41 | 2.9 | 4.2 |
-//! | 200 | 450 | 114 | 6.9 | 8.1 |
+//! | n | nalgebra's factors | faer's |
+//! |---|---|---|
+//! | 16 | 0.7 | 1.0 |
+//! | 32 | 3.9 | 2.8 |
+//! | 48 | 10.1 | 5.9 |
+//! | 64 | 19.7 | 10.3 |
+//! | 128 | 133 | 43 |
+//! | 200 | 463 | 115 |
 //!
-//! Steps have eight substitutions at most, which stay nalgebra's.
+//! Substitutions, eight a step at most, stay nalgebra's.
 
 use nalgebra::linalg::{gauss_step, gauss_step_swap};
 use nalgebra::{DMatrix, DVectorViewMut};
@@ -43,25 +44,11 @@ impl Lu {
     }
     /// Factors the entries, in n³/3 multiplications.
     pub(crate) fn run(&mut self) {
-        let n = self.rows.len();
         #[cfg(feature = "large-matrices")]
-        if n >= large::LARGE {
+        if self.rows.len() >= large::LARGE {
             return self.large.run(&mut self.entries, &mut self.rows);
         }
-        for p in 0..n {
-            let row = p + self.entries.view_range(p.., p).iamax();
-            self.rows[p] = row;
-            let pivot = self.entries[(row, p)];
-            if pivot == 0.0 {
-                continue;
-            }
-            if row == p {
-                gauss_step(&mut self.entries, pivot, p);
-            } else {
-                self.entries.columns_range_mut(..p).swap_rows(p, row);
-                gauss_step_swap(&mut self.entries, pivot, p, row);
-            }
-        }
+        eliminate(&mut self.entries, &mut self.rows);
     }
     /// Replaces b by the solution; a singular matrix gives one that is not a number.
     pub(crate) fn solve(&self, b: &mut [f64]) {
@@ -72,6 +59,24 @@ impl Lu {
         self.entries.solve_lower_triangular_with_diag_mut(&mut x, 1.0);
         if !self.entries.solve_upper_triangular_mut(&mut x) {
             b.fill(f64::NAN);
+        }
+    }
+}
+
+/// nalgebra's elimination; `exchanged`: the row that changes places with each.
+fn eliminate(entries: &mut DMatrix<f64>, exchanged: &mut [usize]) {
+    for p in 0..exchanged.len() {
+        let row = p + entries.view_range(p.., p).iamax();
+        exchanged[p] = row;
+        let pivot = entries[(row, p)];
+        if pivot == 0.0 {
+            continue;
+        }
+        if row == p {
+            gauss_step(entries, pivot, p);
+        } else {
+            entries.columns_range_mut(..p).swap_rows(p, row);
+            gauss_step_swap(entries, pivot, p, row);
         }
     }
 }
