@@ -92,7 +92,7 @@ fn files_of_openmm_are_what_its_topology_says() {
         assert!(pdb.bonds.iter().all(|bond| bonds.contains(bond)), "{name}: {:?}", pdb.bonds);
         assert_eq!(pdb.bonds.is_empty(), name == "met_enkephalin", "{name}");
     }
-    assert_eq!(files, 9);
+    assert_eq!(files, 10);
 }
 
 fn text(value: &Value) -> &str {

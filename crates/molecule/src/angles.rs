@@ -116,6 +116,10 @@ impl Clusters {
             return wrong("atoms that are not bonded in this order".into(), "two bonds that meet", remedy);
         }
         let Some(at) = self.hinges.iter().position(|x| x.atoms == [i, j] || x.atoms == [j, i]) else {
+            // Told already, with what keeps it rigid.
+            if self.locked.iter().any(|x| x.atoms == [i, j] || x.atoms == [j, i]) {
+                return Ok(());
+            }
             let found = format!("no hinge {}", atoms.bond_label([i, j]));
             let remedy = "name the hinge's atoms last, or free the bond";
             return wrong(found, "a hinge between the last two atoms", remedy);

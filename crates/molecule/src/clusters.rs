@@ -2,8 +2,8 @@
 //!
 //! A hinge is a bond about which its two sides turn. By default these are all bonds that lie on no ring and have more than
 //! one atom on either side. A hinge is locked, and said to be, if one of its clusters lies on one line with all its hinges:
-//! turning about that line moves nothing. Bonds of flexible rings are hinges too, one of each ring a closure (`rings.rs`); a
-//! hinge may bend besides, which opens a bond angle (`angles.rs`).
+//! turning about that line moves nothing. Bonds of flexible rings are hinges too, one of each ring a closure (`rings.rs`), unless all
+//! other bonds of the ring are rigid, which locks the last; a hinge may bend besides, which opens a bond angle (`angles.rs`).
 
 use crate::angles::{Angles, Bend};
 use crate::atoms::{Atoms, MoleculeError, MoleculeErrors};
@@ -251,8 +251,8 @@ impl<'a> Division<'a> {
         Err(MoleculeErrors(in_ring.iter().map(error).collect()))
     }
 
-    /// Hinges on rings of clusters. Those between atoms of one group are locked; of a flexible ring one is a closure; other
-    /// such rings are closed by groups, or must not be.
+    /// Hinges on rings of clusters. Those between atoms of one group, and the last of a ring whose other bonds are rigid, are locked;
+    /// of a flexible ring one is a closure; other such rings are closed by groups, or must not be.
     fn lock_rings(&mut self, clustering: &Clustering, positions: &[Vec3<f64>]) -> Result<(), MoleculeErrors> {
         for group in &clustering.groups {
             for &i in group {
@@ -270,6 +270,17 @@ impl<'a> Division<'a> {
                 self.hinges.push(b);
             } else if clustering.rings.includes(bond) && ends[h][0] != ends[h][1] {
                 cyclic.push(b);
+            } else if clustering.groups.is_empty() && ends[h][0] == ends[h][1] {
+                if clustering.rigid.is_empty() {
+                    errors.push(MoleculeError::new(
+                        format!("hinge {}", self.atoms.bond_label(bond)),
+                        "no other bond of its ring turns",
+                        "several bonds of a ring that turn",
+                        "add other bonds of the ring to the hinges, or take it from them",
+                    ));
+                } else {
+                    self.lock(b, "the other bonds of its ring are rigid, and with them the ring");
+                }
             } else if clustering.groups.is_empty() {
                 errors.push(MoleculeError::new(
                     format!("hinge {}", self.atoms.bond_label(bond)),

@@ -87,6 +87,12 @@ fn degrees_of_freedom_are_counted_from_the_rank() {
     assert_eq!((both.clusters().closures.len(), both.clusters().bends()), (2, 3));
     assert_eq!(both.degrees_of_freedom(), rigid.degrees_of_freedom() + 2 + (20 - 6));
 
+    // Head to tail: a ring of eighteen, and two prolines, of whose two coordinates of pucker each one is a φ of the large ring.
+    let (cycle, _) = model("cyclo_apg2", "min", &flexible());
+    let (rigid, _) = model("cyclo_apg2", "min", &Clustering::default());
+    assert_eq!((cycle.clusters().closures.len(), cycle.clusters().bends()), (3, 6));
+    assert_eq!(cycle.degrees_of_freedom(), rigid.degrees_of_freedom() + (18 - 6) + 2);
+
     // Aromatic rings stay rigid.
     let (aromatic, _) = model("met_enkephalin", "min", &flexible());
     assert!(aromatic.clusters().closures.is_empty());
@@ -108,7 +114,7 @@ fn degrees_of_freedom_are_counted_from_the_rank() {
 /// Closure to 1e-10 nm, no drift of the energy, bond lengths of the cut bonds kept; reversible.
 #[test]
 fn closed_rings_run_at_constant_energy() {
-    let names = std::env::var("PHIPSI_RINGS").unwrap_or("ace_pro_nme caac_ss oxytocin".into());
+    let names = std::env::var("PHIPSI_RINGS").unwrap_or("ace_pro_nme caac_ss oxytocin cyclo_apg2".into());
     for name in names.split(' ') {
         let h = if name == "caac_ss" { 0.004 } else { 0.002 };
         let (torsion, mut forces) = model(name, "min", &flexible());
@@ -215,7 +221,7 @@ fn nose_hoover_chains_leave_rings_closed() {
 /// The minimum of a molecule with flexible rings is closed, below that with rigid ones, and no motion of the rings lowers it.
 #[test]
 fn minima_with_flexible_rings_are_closed() {
-    for (name, id) in [("ace_pro_nme", "md"), ("caac_ss", "min")] {
+    for (name, id) in [("ace_pro_nme", "md"), ("caac_ss", "min"), ("cyclo_apg2", "md")] {
         let lowest = |clustering: &Clustering| {
             let (torsion, mut forces) = model(name, id, clustering);
             let q = torsion.model().neutral::<f64>();
@@ -250,7 +256,7 @@ fn minima_with_flexible_rings_are_closed() {
 /// Fixman's potential on rings against differences along the closed rings, and its energy against the elimination of the loops.
 #[test]
 fn fixmans_force_is_the_gradient_along_the_closed_rings() {
-    for (name, id) in [("ace_pro_nme", "min"), ("caac_ss", "min")] {
+    for (name, id) in [("ace_pro_nme", "min"), ("caac_ss", "min"), ("cyclo_apg2", "min")] {
         let (torsion, mut forces) = model(name, id, &flexible());
         let method = thermal(&torsion, &mut forces, (300.0, 0.001, 5));
         let mut fixman = FixmanPotential::of(&torsion, KT).unwrap();
@@ -292,7 +298,7 @@ fn fixmans_force_is_the_gradient_along_the_closed_rings() {
 /// ln det M, ln det(G M⁻¹ G*) and their gradients along the closed rings, against dense matrices and dual numbers, at thermal states.
 #[test]
 fn the_potential_of_rings_is_that_of_dense_matrices() {
-    for (name, seeds) in [("ace_pro_nme", 0..3), ("caac_ss", 3..4)] {
+    for (name, seeds) in [("ace_pro_nme", 0..3), ("caac_ss", 3..4), ("cyclo_apg2", 4..5)] {
         let (torsion, mut forces) = model(name, "min", &flexible());
         let mut fixman = FixmanPotential::of(&torsion, KT).unwrap();
         let length = ClosedMomenta::<f64>::new(torsion.model()).unwrap().dynamics().length();

@@ -3,7 +3,9 @@
 
 use crate::common::{MOLECULES, find, folders, index, indices, json, list, number, numbers, vectors, word};
 use phipsi_model::{JointKind, Random};
-use phipsi_molecule::{Atoms, BondKind, Clustering, Clusters, Hinges, MoleculeErrors, TorsionModel};
+use phipsi_molecule::{
+    Angles, Atoms, BondKind, Clustering, Clusters, Hinges, MoleculeErrors, Rings, TorsionModel,
+};
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{ArticulatedSweep, Kinematics, bias_forces, forward_dynamics, mass_matrix};
 use phipsi_spatial::Vec3;
@@ -545,4 +547,37 @@ fn hinges_on_rings_and_bad_tables_are_refused() {
     bad[4].0[1] = f64::INFINITY;
     let error = Clusters::new(&atoms, &bad, &Clustering::default()).unwrap_err().to_string();
     assert!(error.contains("atom 4"), "{error}");
+}
+
+/// Where all other bonds of a flexible ring are rigid the last one holds: it is locked and said to be, with the angles at it. A bond that
+/// is asked for alone is refused.
+#[test]
+fn a_ring_whose_other_bonds_are_rigid_is_rigid() {
+    let (rigid, _) = default_model("ace_pro_nme");
+    let positions = rigid.positions(&rigid.model().neutral()).unwrap();
+    let atoms = rigid.atoms().clone();
+    let flexible = Clustering { rings: Rings::Flexible, ..Clustering::default() };
+    let atom = |name: &str| (0..atoms.len()).find(|&i| atoms.label(i) == format!("PRO2:{name}")).unwrap();
+    let angles = Angles::Listed(vec![["CD", "N", "CA"].map(atom)]);
+    let frozen = |clustering: &Clustering| {
+        let clustering = Clustering { rigid: vec![BondKind::Chi], ..clustering.clone() };
+        Clusters::new(&atoms, &positions, &clustering)
+    };
+    let found = frozen(&flexible).unwrap();
+    let [locked] = &found.locked[..] else { panic!("{:?}", found.locked) };
+    assert_eq!(atoms.bond_label(locked.atoms), "PRO2:N-CA");
+    assert!(locked.why.contains("other bonds of its ring are rigid"), "{}", locked.why);
+    assert_eq!((found.closures.len(), found.bends()), (0, 0));
+    assert_eq!(found.clusters, frozen(&Clustering::default()).unwrap().clusters);
+    // An angle at it, open where the ring is flexible, is as rigid as the ring.
+    let open = Clustering { angles: angles.clone(), ..flexible.clone() };
+    assert_eq!(Clusters::new(&atoms, &positions, &open).unwrap().bends(), 1);
+    let listed = frozen(&Clustering { angles, ..flexible.clone() }).unwrap();
+    assert_eq!((listed.locked.len(), listed.bends(), &listed.clusters), (1, 0, &found.clusters));
+    let one = Clustering { hinges: Hinges::Bonds(vec![locked.atoms]), ..flexible };
+    let error = Clusters::new(&atoms, &positions, &one).unwrap_err().to_string();
+    assert!(
+        error.contains("no other bond of its ring turns") && error.contains("add other bonds"),
+        "{error}"
+    );
 }

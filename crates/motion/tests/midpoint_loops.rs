@@ -125,13 +125,13 @@ fn floating_ring(n: usize) -> Model {
 }
 
 /// A consistent state: the loops closed from a guess, velocities projected.
-fn settle(dynamics: &mut Dynamics, mut q: Vec<f64>, mut v: Vec<f64>) -> (Vec<f64>, Vec<f64>) {
+pub fn settle(dynamics: &mut Dynamics, mut q: Vec<f64>, mut v: Vec<f64>) -> (Vec<f64>, Vec<f64>) {
     let none = vec![false; v.len()];
     dynamics.assemble(0.0, &mut q, &mut v, [&none, &none]).unwrap();
     (q, v)
 }
 
-fn started(model: &Model, seed: u64) -> (Dynamics, Vec<f64>, Vec<f64>) {
+pub fn started(model: &Model, seed: u64) -> (Dynamics, Vec<f64>, Vec<f64>) {
     let mut dynamics = Dynamics::new(model, Vec::new()).unwrap();
     let mut random = Random::new(seed);
     let v: Vec<f64> = (0..model.nv()).map(|_| random.signed()).collect();
@@ -144,7 +144,7 @@ fn largest(x: impl IntoIterator<Item = f64>) -> f64 {
     x.into_iter().fold(0.0f64, |most, x| most.max(x.abs()))
 }
 
-fn models() -> [Model; 3] {
+pub fn models() -> [Model; 3] {
     [four_bar(), bricard(), floating_ring(7)]
 }
 

@@ -1,6 +1,7 @@
 //! Rosenbrock methods: linearisations against differences, orders, a stiff scene.
 
 use crate::common::*;
+use crate::midpoint_loops::{models, started};
 use phipsi_model::{Model, State};
 use phipsi_motion::forces::{
     BodyWrench, CentralGravity, JointDissipation, JointSpring, JointTorque, PointSpring, Servo, Thruster,
@@ -11,7 +12,7 @@ use phipsi_motion::{Dynamics, Force, Integrator, Linearization, Method, Signal, 
 use phipsi_reference::generate::case;
 use phipsi_spatial::Vec3;
 
-/// Every force that has derivatives, on bodies and joints of a model.
+/// Every kind of force but the user's own, on bodies and joints of a model.
 fn forces(model: &Model, seed: u64) -> Vec<Box<dyn Force>> {
     let mut forces: Vec<Box<dyn Force>> = Vec::new();
     let one_axis = |k: &usize| model.joints()[*k].kind.nv() == 1;
@@ -34,6 +35,17 @@ fn forces(model: &Model, seed: u64) -> Vec<Box<dyn Force>> {
             damping: 0.3,
             integral: 1.5,
             limit: f64::INFINITY,
+        }));
+        // At its limit, far from where that begins: a constant force.
+        forces.push(Box::new(Servo {
+            name: "limited".into(),
+            coordinate,
+            dof,
+            target: Signal::Constant(9.0),
+            stiffness: 2.0,
+            damping: 0.3,
+            integral: 0.0,
+            limit: 0.05,
         }));
         forces.push(Box::new(JointTorque { name: "torque".into(), dof, value: Signal::Constant(0.4) }));
     }
@@ -58,13 +70,10 @@ fn forces(model: &Model, seed: u64) -> Vec<Box<dyn Force>> {
         }));
     }
     let pull = [0.3, -0.2, 0.5, 1.0, 2.0, -1.5].map(Signal::Constant);
-    forces.push(Box::new(BodyWrench {
-        name: "pull".into(),
-        body,
-        point: Vec3([0.2, 0.1, -0.3]),
-        axes: WrenchAxes::World,
-        components: pull,
-    }));
+    for (name, axes) in [("pull", WrenchAxes::World), ("jet", WrenchAxes::Body)] {
+        let (point, components) = (Vec3([0.2, 0.1, -0.3]), pull.clone());
+        forces.push(Box::new(BodyWrench { name: name.into(), body, point, axes, components }));
+    }
     forces.push(Box::new(CentralGravity::new("planet", model, 7.0, [3.0, -4.0, 5.0])));
     forces.push(Box::new(Thruster {
         name: "thruster".into(),
@@ -189,6 +198,34 @@ fn orders_show_on_a_free_base() {
     }
 }
 
+/// Closed loops: every step ends with a projection onto them, redundant rows included, and the order is what it is on trees. With springs
+/// and dampers, whose derivatives enter the Jacobian of the closed dynamics.
+#[test]
+fn orders_show_on_closed_loops() {
+    for model in models() {
+        let (_, q, v) = started(&model, 3);
+        let start = State { q, v, t: 0.0 };
+        let make = || -> Vec<Box<dyn Force>> {
+            let hinges = model.moving_joints().filter(|&k| model.joints()[k].kind.nv() == 1).take(2);
+            let springs = hinges.map(|k| JointSpring {
+                name: format!("spring {k}"),
+                coordinate: model.q_offset(k),
+                dof: model.v_offset(k),
+                stiffness: 5.0,
+                damping: 0.5,
+                rest: 0.2,
+            });
+            springs.map(|spring| Box::new(spring) as Box<dyn Force>).collect()
+        };
+        for method in [Method::Rodas4, Method::Rodas5p] {
+            let observed = order_of(&model, &make, &start, method, &[40, 56, 80, 112, 160]);
+            let order = f64::from(method.order());
+            println!("{}: {method:?}: observed {observed:.2}", model.name());
+            assert!((observed - order).abs() < 0.4, "{}, {method:?}: observed {observed:.2}", model.name());
+        }
+    }
+}
+
 /// A damped spring of 1e8 N·m/rad: steps of a hundredth of a second, where an explicit method needs some 1e6.
 #[test]
 fn a_stiff_spring_does_not_limit_the_step() {
@@ -219,6 +256,43 @@ fn a_stiff_spring_does_not_limit_the_step() {
         assert!((end.q()[0] - rigid.q()[0]).abs() < 1e-5, "{method:?}: {} {}", end.q()[0], rigid.q()[0]);
         assert!(end.q()[1].abs() < 1e-6, "{method:?}: {}", end.q()[1]);
     }
+}
+
+/// A chain long enough for the other elimination of its matrix: damped springs at all hinges, against an explicit method.
+#[test]
+fn a_long_stiff_chain_moves_as_by_an_explicit_method() {
+    use phipsi_model::{Body, Inertia, Joint, ModelBuilder, Placement};
+    let n = 50;
+    let mut builder = ModelBuilder::new("chain").gravity([0.0, 0.0, -9.81]);
+    for i in 0..n {
+        let rod = Inertia::from_principal(1.0, [0.0, 0.0, -0.05], [1e-3, 1e-3, 1e-4]);
+        let below = if i == 0 { 0.0 } else { -0.1 };
+        let at = Placement { translation: [0.0, 0.0, below], ..Placement::IDENTITY };
+        let parent = if i == 0 { "world".into() } else { format!("rod{}", i - 1) };
+        let name = format!("rod{i}");
+        builder = builder.body(Body::new(name.as_str(), rod));
+        builder = builder.joint(Joint::new(format!("hinge{i}"), Y).at(at), parent, name.as_str());
+    }
+    let model = builder.build().unwrap();
+    let make = || -> Vec<Box<dyn Force>> {
+        let spring = |i: usize| JointSpring {
+            name: format!("spring {i}"),
+            coordinate: i,
+            dof: i,
+            stiffness: 10.0,
+            damping: 1.0,
+            rest: 0.0,
+        };
+        (0..n).map(|i| Box::new(spring(i)) as Box<dyn Force>).collect()
+    };
+    let q: Vec<f64> = (0..n).map(|i| 0.2 * (1.0 + i as f64).sin()).collect();
+    let at_rest = vec![0.0; n];
+    let (exact, many) = run(&mut free_fall(&model, make()), Method::Dop853, 1e-9, &q, &at_rest, 0.05);
+    let (end, few) = run(&mut free_fall(&model, make()), Method::Rodas5p, 1e-7, &q, &at_rest, 0.05);
+    let away = model.difference(exact.q(), end.q()).iter().fold(0.0f64, |m, x| m.max(x.abs()));
+    println!("{} steps, {} explicit: {away:.1e} rad apart", few.len(), many.len());
+    // So many steps, each wrong by its tolerance, which dampers do not let grow.
+    assert!(away < few.len() as f64 * 1e-7 && few.len() < many.len(), "{away:e}");
 }
 
 /// Samples inside stiff steps are as good as the steps.

@@ -4,13 +4,16 @@
 //! |---|---|
 //! | [`mod@reference`] | the trajectory at some instants by two unrelated methods, and how well they agree |
 //! | [`study`] | runs of every method at tighter and tighter tolerances (smaller steps), judged by the reference |
+//! | [`beyond`] | distributions after the time to which the trajectory is known |
 //! | [`advice`] | observed orders, and the cheapest run for each error |
 //! | [`files`] | page, CSV and JSON in a folder |
 //!
 //! The error of a run is the largest component of `difference(q, reference)` (and of v) over the instants up to the horizon:
-//! the time to which the references agree. A chaotic scene has one; beyond it only conserved quantities are judged.
+//! the time to which the references agree. A chaotic scene has one; beyond it conserved quantities are judged, and distributions
+//! are set side by side.
 
 pub mod advice;
+pub mod beyond;
 pub mod files;
 pub mod reference;
 pub mod study;

@@ -1,5 +1,8 @@
 //! The error that a run tells against the error that it has, on scenes whose end is known.
 
+use phipsi_simulate::check::check_file;
+use phipsi_simulate::folder::results::Plan;
+use phipsi_simulate::folder::{RunFolder, Watcher};
 use phipsi_simulate::scene::{Scene, load};
 use phipsi_simulate::{Recording, Summary, run};
 use std::path::Path;
@@ -12,6 +15,10 @@ const PART: f64 = 0.95;
 /// The part of runs on which no way of estimating was chosen: seen 133 of 144.
 const PART_ELSEWHERE: f64 = 0.9;
 const SMALL: f64 = 1e-12;
+
+struct Silent;
+
+impl Watcher for Silent {}
 
 fn scene(name: &str, overrides: &[String]) -> Scene {
     load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples").join(name), overrides).unwrap()
@@ -130,4 +137,50 @@ fn assert_within(scenes: &[Known], tolerances: &[f64], part: f64) {
     println!("{table}\n{good} of {count}");
     assert!(count >= 60, "{count} runs whose error is known");
     assert!(good as f64 >= part * count as f64, "{good} of {count}");
+}
+
+/// An estimate that is left out is said by the plan: by `phipsi check`, in `run.json`, and instead of the number.
+#[test]
+fn the_plan_says_that_the_estimate_is_left_out() {
+    const SAID: &str = "estimate of the error at the end: estimate = false";
+    let plan = |estimate: &str| {
+        let overrides = [format!("integrator.estimate={estimate}")];
+        Plan::new(&scene("benchmarks/pendulum.toml", &overrides).simulation).left_out
+    };
+    assert!(plan("true").iter().all(|line| !line.starts_with("estimate")), "{:?}", plan("true"));
+    assert!(plan("false").iter().any(|line| line == SAID), "{:?}", plan("false"));
+
+    let scratch = tempfile::tempdir().unwrap();
+    let path = scratch.path().join("pendulum.toml");
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/benchmarks/pendulum.toml");
+    std::fs::copy(example, &path).unwrap();
+    assert!(std::fs::read_to_string(&path).unwrap().contains("\nestimate = false\n"));
+    let printed = check_file(&path).to_string();
+    let (_, after) = printed.split_once("left out:\n").unwrap();
+    assert!(after.lines().any(|line| line.trim() == SAID), "{printed}");
+
+    let out = scratch.path().join("run");
+    let folder = RunFolder::create(&path, load(&path, &[]).unwrap(), Some(&out)).unwrap();
+    let outcome = folder.run(&mut Silent).unwrap();
+    assert!(outcome.finished && outcome.file.results.as_ref().unwrap().error_estimate.is_none());
+    let json: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(out.join("run.json")).unwrap()).unwrap();
+    let lines = json["plan"]["left_out"].as_array().unwrap();
+    assert!(lines.iter().any(|line| line == SAID), "{lines:?}");
+    assert!(json["results"]["error_estimate"].is_null());
+}
+
+/// Trajectories of molecules part within a picosecond: a run has its conserved quantities, and no second run beside it or after it.
+#[test]
+fn molecules_have_conserved_quantities_and_no_companion() {
+    let short = ["integrator.t_end=1".to_string(), "record.every=0.1".to_string()];
+    let mut molecule = scene("ala_dipeptide.toml", &short);
+    assert!(molecule.simulation.estimate, "nothing is asked for");
+    let left_out = Plan::new(&molecule.simulation).left_out;
+    assert!(left_out.iter().any(|line| line.ends_with("the midpoint method reports conserved quantities")));
+    let summary = run(&mut molecule.simulation, &mut Recording::default()).unwrap();
+    assert!(summary.error_estimate.is_none() && !summary.estimated_beside);
+    assert!(summary.energy_error > 0.0 && summary.momentum_error.is_some());
+    // One evaluation of the forces at the start and one a step: a companion would add half as many.
+    assert_eq!(summary.evaluations, summary.steps + 1);
 }

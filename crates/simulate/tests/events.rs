@@ -236,6 +236,77 @@ far = { body_a = "world", body_b = "bus" }
     assert!(reports[0].errors[0].required.contains("do not overlap"));
 }
 
+/// A wheel, a thruster and a planet act in one tree. At (0, 0, r), with the orbit about +y: the wheel's torque τ turns the bus by −τ, which the
+/// gravity gradient answers as a spring: pitch −τ (1 − cos ωt)/(3n² (I_x − I_z)) with ω² = 3n² (I_x − I_z)/I_y of the bus; the thruster pushes
+/// across the orbit: y = F (1 − cos nt)/(m n²).
+#[test]
+fn a_wheel_a_thruster_and_a_gravity_gradient_act_in_one_tree() {
+    let (mu, r, torque, thrust) = (3.986_004_418e14f64, 7e6f64, 1e-7, 1e-3);
+    let n = (mu / r.powi(3)).sqrt();
+    let omega = n * (3.0f64 * 300.0 / 600.0).sqrt();
+    let t_end = 0.7 * std::f64::consts::TAU / omega;
+    let text = format!(
+        r#"
+[model]
+gravity = [0, 0, 0]
+[[body]]
+name = "bus"
+inertial = {{ mass = 1000, inertia = {{ ixx = 500, iyy = 600, izz = 200 }} }}
+[[body]]
+name = "wheel"
+inertial = {{ mass = 10, inertia = {{ ixx = 0.25, iyy = 0.5, izz = 0.25 }} }}
+[[joint]]
+name = "base"
+type = "floating"
+parent = "world"
+child = "bus"
+[[joint]]
+name = "spin"
+type = "continuous"
+parent = "bus"
+child = "wheel"
+axis = [0, 1, 0]
+[initial]
+q.base = [0, 0, {r}, 0, 0, 0, 1]
+v.base = [0, {n}, 0, {}, 0, 0]
+[integrator]
+t_end = {t_end}
+rtol = 1e-12
+[[force]]
+kind = "central_gravity"
+mu = {mu}
+[[force]]
+kind = "torque"
+joint = "spin"
+value = {torque}
+[[force]]
+kind = "thruster"
+body = "bus"
+direction = [0, 1, 0]
+thrust = {thrust}
+specific_impulse = 200
+"#,
+        n * r
+    );
+    let (summary, _) = ran(&text);
+    let q = &summary.q;
+    let whole = std::f64::consts::TAU;
+    let pitch = 2.0 * q[4].atan2(q[6]) - q[0].atan2(q[2]);
+    let pitch = pitch - whole * (pitch / whole).round();
+    let want = -torque / (3.0 * n * n * 300.0) * (1.0 - (omega * t_end).cos());
+    // The gradient goes with ½ sin 2θ = θ − ⅔ θ³: θ² of the pitch, and as much of its phase, which is some 4 rad. The attitude is
+    // integrated to 1e-12 a step, the pitch is 1e-4.
+    let allowed = want.abs() * (6.0 * want * want + 1e-6);
+    assert!((pitch - want).abs() < allowed, "{pitch:e} instead of {want:e}");
+    let across = thrust / (1010.0 * n * n) * (1.0 - (n * t_end).cos());
+    // The bus rolls by as much as y/r.
+    assert!((q[1] - across).abs() < 1e-6 * across, "{} instead of {across}", q[1]);
+    // J (ω + Ω) of the wheel gains τ t.
+    let own = 0.5 * (summary.v[1] - n + summary.v[6]);
+    assert!((own - torque * t_end).abs() < 1e-6 * torque * t_end, "{own} instead of {}", torque * t_end);
+    assert!(summary.energy_error < 1e-10, "{:e}", summary.energy_error);
+}
+
 /// A falling ball of 1 kg at q = 1.25 m: at a kinetic energy of 2 J it has fallen by 0.2 m, under the midpoint method too, whose steps under a
 /// constant force are exact; the total passes nothing until the stop takes from it.
 #[test]

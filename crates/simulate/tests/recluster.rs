@@ -209,6 +209,112 @@ fn flexible_rings_and_open_angles_go_on_with_other_clusters() {
     }
 }
 
+/// The pucker of proline freezes and thaws: with four of its bonds the ring is rigid, and the fifth, a backbone φ, is locked meanwhile.
+#[test]
+fn a_ring_freezes_and_thaws_as_a_whole() {
+    let text = SCENE.replace("ala_dipeptide", "proline").replace("step_fs = 4", "step_fs = 1");
+    let text = with(
+        &text.replace("seed = 1", "seed = 1\nrings = \"flexible\""),
+        &CHANGES.replace("freeze = [\"omega\", \"methyl\"]", "freeze = [\"chi\"]").replace("methyl", "chi"),
+    );
+    let loaded = scene(&text).unwrap();
+    let pucker = hinges(&loaded.simulation, &["chi", "backbone_phi"]);
+    // One of the five bonds is the closure.
+    assert_eq!(pucker.len(), 4);
+    let (rows, summary) = rows(&text);
+    let freedom = [0, 1].map(|i| summary.changes[i].ledger.degrees_of_freedom);
+    assert_eq!(freedom, [[13, 11], [11, 13]]);
+    summary.changes.iter().for_each(balanced);
+    for &(q, v) in &pucker {
+        // At rest to the rounding of positions, solved with the condition of the ring; moving before and after.
+        assert!(rows[6..11].iter().all(|r| (r.q[q] - rows[6].q[q]).abs() < 1e-9 && r.v[v].abs() < 1e-8));
+        let moves = |rows: &[Row]| rows.iter().any(|r| (r.q[q] - rows[0].q[q]).abs() > 1e-3);
+        assert!(moves(&rows[..6]) && moves(&rows[11..]));
+    }
+    let noise = rows.iter().map(|r| (conserved(r) - conserved(&rows[0])).abs()).fold(0.0, f64::max);
+    assert!(noise < 0.1, "{noise}");
+    assert!(summary.momentum_error.unwrap()[1] < 1e-11, "{:?}", summary.momentum_error);
+    let closures = summary.closures.unwrap();
+    assert!(closures.position < 1e-12 && closures.velocity < 1e-10, "{closures:?}");
+}
+
+/// Diketopiperazine, C₄H₆N₂O₂, as a chair: files of a PDB and a System with its bonds alone.
+fn diketopiperazine(folder: &std::path::Path) -> String {
+    let (mut pdb, mut bonds, mut particles) = (String::new(), String::new(), String::new());
+    let mut atoms: Vec<(&str, usize, [f64; 3])> = Vec::new();
+    let mut bond = |i: usize, j: usize, length: f64| {
+        bonds += &format!("<Bond d=\"{length}\" k=\"3e5\" p1=\"{i}\" p2=\"{j}\"/>\n");
+    };
+    let mut ring = Vec::new();
+    for corner in 0..6 {
+        let (sin, cos) = (std::f64::consts::PI * f64::from(corner) / 3.0).sin_cos();
+        let up = if corner % 2 == 0 { 1.0 } else { -1.0 };
+        let at = |r: f64, z: f64| [r * cos, r * sin, up * z];
+        let residue = 1 + corner as usize / 3;
+        let first = atoms.len();
+        ring.push(first);
+        let names: &[&str] = [&["N", "H"][..], &["CA", "HA2", "HA3"], &["C", "O"]][corner as usize % 3];
+        for (k, name) in names.iter().enumerate() {
+            // Across from the middle of the ring; of two hydrogens one along its axis.
+            let place = [at(0.145, 0.02), at(0.24, 0.02 - 0.03), at(0.16, 0.125)][k];
+            atoms.push((name, residue, place));
+            if k > 0 {
+                bond(first, first + k, if *name == "O" { 0.123 } else { 0.1 });
+            }
+        }
+    }
+    for k in 0..6 {
+        bond(ring[k], ring[(k + 1) % 6], 0.145);
+    }
+    for (i, (name, residue, x)) in atoms.iter().enumerate() {
+        let [x, y, z] = x.map(|x| 10.0 * x);
+        let element = &name[..1];
+        pdb += &format!(
+            "ATOM  {:5}  {name:<3} GLY A{residue:4}    {x:8.3}{y:8.3}{z:8.3}  1.00  0.00          {element:>2}\n",
+            i + 1
+        );
+        let mass = [("H", 1.008), ("C", 12.01), ("N", 14.01), ("O", 16.0)].iter().find(|m| m.0 == element);
+        particles += &format!("<Particle mass=\"{}\"/>\n", mass.unwrap().1);
+    }
+    let system = format!(
+        "<?xml version=\"1.0\" ?>\n<System openmmVersion=\"8.6.1\" type=\"System\" version=\"1\">\n<Particles>\n{particles}\
+         </Particles>\n<Constraints/>\n<Forces>\n<Force forceGroup=\"0\" name=\"HarmonicBondForce\" \
+         type=\"HarmonicBondForce\" usesPeriodic=\"0\" version=\"2\">\n<Bonds>\n{bonds}</Bonds>\n</Force>\n</Forces>\n</System>\n"
+    );
+    let files = [("ring.pdb", pdb + "END\n"), ("ring.xml", system)];
+    let mut text = SCENE.replace("step_fs = 4", "step_fs = 1").replace("seed = 1", "rings = \"flexible\"");
+    for ((name, content), old) in files.into_iter().zip(["ala_dipeptide.pdb", "ala_dipeptide.xml"]) {
+        std::fs::write(folder.join(name), content).unwrap();
+        text = text.replace(old, &folder.join(name).display().to_string());
+    }
+    text
+}
+
+/// A ring of six that has its three open angles at two kinds of bonds: without these it would open another one, which is in no coordinate of
+/// the record.
+#[test]
+fn a_change_that_would_open_another_angle_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = diketopiperazine(folder.path());
+    let loaded = scene(&text).unwrap();
+    let clusters = loaded.simulation.molecule.as_ref().unwrap().torsion.clusters().clone();
+    let bends = clusters.hinges.iter().filter(|h| h.bend.is_some());
+    let mut kinds: Vec<&str> = bends.map(|h| h.kind.word()).collect();
+    assert_eq!((clusters.closures.len(), kinds.len()), (1, 3), "{kinds:?}");
+    kinds.sort_unstable();
+    kinds.dedup();
+    assert_eq!(kinds.len(), 2, "{kinds:?}");
+    let change = format!("[[molecule.recluster]]\ntime_ps = 0.1\nfreeze = {kinds:?}\n");
+    let errors: Vec<Problem> = reports(&with(&text, &change)).into_iter().flat_map(|r| r.errors).collect();
+    let [error] = &errors[..] else { panic!("{errors:?}") };
+    assert_eq!(error.place, "molecule.recluster 0");
+    assert!(error.found.contains("GLY") && error.found.contains("opens where others freeze"), "{error:?}");
+    assert!(error.required.contains("widest clusters") && error.remedy.contains("freeze fewer kinds"));
+    // Fewer kinds go on.
+    let change = change.replace(&format!("{:?}, ", kinds[0]), "");
+    scene(&with(&text, &change)).unwrap();
+}
+
 #[test]
 fn wrong_changes_say_what_is_required() {
     let error = |changes: &str, scene: &str| {

@@ -72,6 +72,55 @@ fn a_chaotic_scene_has_a_horizon() {
     let best = report.advice.last().unwrap();
     assert!(best.trial.is_none() && best.why.as_ref().unwrap().contains("agree"));
     assert!(report.trials.iter().any(|t| t.failed.is_none() && t.energy_error < 1e-9));
+    // Beyond it unrelated methods have one distribution of the kinetic energy.
+    distributions_agree(&report, &["dop853", "tsit5"]);
+    // Where the motion is known to the end there is none.
+    let (report, _scratch) = made(&benchmark("pendulum.toml"), &["integrator.t_end=2"], 5.0);
+    assert!(report.trials.iter().all(|t| t.beyond.is_empty()));
+}
+
+/// The finest runs of methods: means of the kinetic energy within six standard errors of their difference, from ten pieces each (a t of
+/// eighteen degrees of freedom: p = 1e-5).
+fn distributions_agree(report: &Report, methods: &[&str]) {
+    let finest = methods.iter().map(|method| {
+        let mut own = report.trials.iter().rev().filter(|t| t.method == *method && t.failed.is_none());
+        own.find(|t| !t.beyond.is_empty()).unwrap_or_else(|| panic!("{method}"))
+    });
+    let kinetic: Vec<_> = finest.map(|t| t.beyond[0].clone()).collect();
+    for pair in kinetic.windows(2) {
+        assert_eq!((pair[0].name.as_str(), pair[1].name.as_str()), ("kinetic energy", "kinetic energy"));
+        let off = pair[0].mean - pair[1].mean;
+        println!("{}; {}", pair[0].describe(), pair[1].describe());
+        assert!(off.abs() < 6.0 * pair[0].error.hypot(pair[1].error), "{pair:?}");
+        assert!(pair.iter().all(|b| b.deviation > 0.0 && b.quantiles.is_sorted() && b.samples >= 40));
+    }
+}
+
+/// A molecule: the trajectory's error up to the horizon, some picoseconds; the energy's drift over all of the run; beyond the horizon the
+/// distribution of the kinetic energy, which the midpoint method has as unrelated ones have it.
+#[test]
+fn a_molecule_has_errors_to_the_horizon_and_distributions_beyond() {
+    let path = benchmark("../ala_dipeptide.toml");
+    let (report, scratch) = made(&path, &["integrator.t_end=40"], 40.0);
+    let horizon = report.reference.horizon.unwrap();
+    println!("horizon {horizon} ps");
+    assert!(horizon > 0.1 && horizon < 20.0, "{horizon}");
+    let fine: Vec<_> =
+        report.trials.iter().filter(|t| t.failed.is_none() && t.method == "midpoint").collect();
+    assert!(fine.len() >= 3, "{}", fine.len());
+    // Errors fall with the step as long as the motion is known; the energy's drift is of the whole run.
+    let errors: Vec<f64> = fine.iter().map(|t| t.error_q.unwrap()).collect();
+    assert!(errors[errors.len() - 1] < errors[0], "{errors:?}");
+    assert!(fine.iter().all(|t| t.drift.is_some() && t.energy_error < 1e-2), "{fine:?}");
+    distributions_agree(&report, &["dop853", "midpoint"]);
+    let read = |name: &str| std::fs::read_to_string(scratch.path().join("report").join(name)).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&read("report.json")).unwrap();
+    let runs = json["runs"].as_array().unwrap();
+    let shown = runs.iter().filter_map(|run| run["beyond_horizon"].as_array()?.first());
+    assert!(shown.clone().count() >= 4 && shown.into_iter().all(|b| b["name"] == "kinetic energy"));
+    assert!(json["reference"]["horizon"].as_f64() == Some(horizon));
+    assert!(read("index.html").contains("Beyond the horizon: kinetic energy"));
+    assert!(read("runs.csv").lines().next().unwrap().contains("kinetic_beyond,kinetic_beyond_error"));
 }
 
 /// A scene of a fixed step: what an adaptive method does not have is removed by the advised command.

@@ -1,6 +1,7 @@
 //! `index.html`, `runs.csv` and `report.json` of a report.
 
 use super::Report;
+use super::beyond::Beyond;
 use super::study::Trial;
 use crate::error::SimulateError;
 use crate::folder::checkpoint::replace;
@@ -25,10 +26,12 @@ pub fn write(report: &Report, folder: &Path) -> Result<(), SimulateError> {
 pub fn csv(report: &Report) -> String {
     let mut text = String::from(
         "method,tolerance,step,error_q,error_v,error_end_q,error_end_v,energy_error,energy_drift,energy_noise,angular_momentum_error,\
-         linear_momentum_error,closure_position,closure_velocity,reference_error,steps,rejected,evaluations,wall_s,failed\n",
+         linear_momentum_error,closure_position,closure_velocity,reference_error,kinetic_beyond,kinetic_beyond_error,\
+         kinetic_beyond_deviation,steps,rejected,evaluations,wall_s,failed\n",
     );
     for t in &report.trials {
         let number = |x: Option<f64>| x.filter(|x| x.is_finite()).map_or(String::new(), |x| format!("{x:e}"));
+        let kinetic = t.beyond.first();
         let numbers = [
             t.tolerance,
             t.step,
@@ -44,6 +47,9 @@ pub fn csv(report: &Report) -> String {
             t.closure_residual.map(|c| c[0]),
             t.closure_residual.map(|c| c[1]),
             t.reference_error,
+            kinetic.map(|b| b.mean),
+            kinetic.map(|b| b.error),
+            kinetic.map(|b| b.deviation),
         ];
         let failed = t.failed.as_deref().map_or(String::new(), |f| format!("\"{}\"", f.replace('"', "\"\"")));
         text += &format!(
@@ -82,6 +88,7 @@ impl Trial {
             "closure_residual":
                 self.closure_residual.map(|[position, velocity]| json!({"position": position, "velocity": velocity})),
             "reference_error": self.reference_error,
+            "beyond_horizon": self.beyond.iter().map(Beyond::to_json).collect::<Vec<_>>(),
             "steps": self.steps, "rejected": self.rejected, "evaluations": self.evaluations, "wall_s": self.wall_s,
             "failed": self.failed,
         })
@@ -194,14 +201,15 @@ pub fn page(report: &Report) -> String {
         let text = match &t.failed {
             Some(why) => format!("failed: {why}"),
             None => format!(
-                "error {} in q, {} in v; energy {:.1e}; {} steps ({} rejected), {} evaluations, {}",
+                "error {} in q, {} in v; energy {:.1e}; {} steps ({} rejected), {} evaluations, {}{}",
                 t.error_q.map_or("unknown".into(), |e| format!("{e:.2e}")),
                 t.error_v.map_or("unknown".into(), |e| format!("{e:.2e}")),
                 t.energy_error,
                 t.steps,
                 t.rejected,
                 t.evaluations,
-                seconds(t.wall_s)
+                seconds(t.wall_s),
+                t.beyond.iter().map(|b| format!("; beyond the horizon {}", b.describe())).collect::<String>()
             ),
         };
         (t.describe(&report.time_unit), text)
@@ -273,6 +281,7 @@ fn charts(report: &Report) -> Vec<Chart> {
         let residual = series(work, &|t| t.closure_residual.map(|c| c[i]));
         charts.push(log(title, "evaluations", unit, residual));
     }
+    charts.extend(beyond(report));
     charts.retain(|c| !c.series.is_empty());
     let difference = |name: &str, value: &dyn Fn(&(f64, f64, f64)) -> f64| Series {
         name: name.into(),
@@ -287,4 +296,33 @@ fn charts(report: &Report) -> Vec<Chart> {
         series: vec![difference("in q", &|d| d.1), difference("in v", &|d| d.2)],
     });
     charts
+}
+
+/// Distributions after the horizon, of the finest run of each method.
+fn beyond(report: &Report) -> Vec<Chart> {
+    let finest = |method: &str| {
+        let mut own = report.trials.iter().rev().filter(|t| t.method == method && t.failed.is_none());
+        own.find(|t| !t.beyond.is_empty())
+    };
+    let runs: Vec<&Trial> = report.orders.iter().filter_map(|o| finest(o.method)).collect();
+    let mut names: Vec<&str> = Vec::new();
+    for name in runs.iter().flat_map(|t| &t.beyond).map(|b| b.name.as_str()) {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let chart = |name: &&str| Chart {
+        title: format!("Beyond the horizon: {name}"),
+        x_label: name.to_string(),
+        y_label: "part of the instants below".into(),
+        log_x: false,
+        log_y: false,
+        series: (runs.iter())
+            .filter_map(|t| {
+                let own = t.beyond.iter().find(|b| b.name == **name)?;
+                Some(Series { name: t.describe(&report.time_unit), points: own.distribution() })
+            })
+            .collect(),
+    };
+    names.iter().map(chart).collect()
 }

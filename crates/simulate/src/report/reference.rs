@@ -233,7 +233,7 @@ impl Reference {
             true => format!("the motion is not known at any instant ({why}): no error can be judged"),
             false => format!(
                 "the motion is known up to t = {} {unit} of {} {unit} ({why}); errors are those up to then, beyond it \
-                 only conserved quantities are judged",
+                 conserved quantities are judged and distributions set side by side",
                 short(horizon),
                 short(simulation.t_end)
             ),

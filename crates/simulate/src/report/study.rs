@@ -1,6 +1,7 @@
 //! The runs of a report: every method, coarse to fine, as far as time allows.
 
 use super::advice::{advise, orders};
+use super::beyond::{Beyond, Collector};
 use super::reference::{Reference, apart, instants};
 use super::{Budget, Report, ReportWatcher};
 use crate::drift::{Drift, drift};
@@ -53,6 +54,8 @@ pub struct Trial {
     pub closure_residual: Option<[f64; 2]>,
     /// Largest relative error of outputs with known values.
     pub reference_error: Option<f64>,
+    /// Distributions after the horizon: of the kinetic energy, then of the outputs. Empty where the motion is known to the end.
+    pub beyond: Vec<Beyond>,
     /// Accepted steps.
     pub steps: u64,
     /// Rejected steps.
@@ -305,12 +308,14 @@ fn trial(
         momentum_error: None,
         closure_residual: None,
         reference_error: None,
+        beyond: Vec::new(),
         steps: 0,
         rejected: 0,
         evaluations: 0,
         wall_s: f64::NAN,
         failed: None,
     };
+    let names: Vec<String> = simulation.outputs.iter().map(|o| o.name.clone()).collect();
     for repeat in 0..3 {
         let model = simulation.model().clone();
         let mut judge = Judge {
@@ -322,6 +327,7 @@ fn trial(
             worst: [0.0; 2],
             last: None,
             energies: Vec::new(),
+            beyond: Collector::new(reference.horizon, &names),
             begun: Instant::now(),
             cap,
             over: std::cell::Cell::new(false),
@@ -331,7 +337,7 @@ fn trial(
         };
         let result = run(simulation, &mut judge);
         let (worst, last, over) = (judge.worst, judge.last, judge.over.get());
-        let energies = judge.energies;
+        let (energies, beyond) = (judge.energies, judge.beyond);
         match result {
             Ok(summary) if summary.finished => {
                 let judged = !reference.states.is_empty();
@@ -343,6 +349,7 @@ fn trial(
                 trial.momentum_error = summary.momentum_error;
                 trial.closure_residual = summary.closures.map(|c| [c.position, c.velocity]);
                 trial.reference_error = summary.reference_error;
+                trial.beyond = beyond.finish();
                 (trial.steps, trial.rejected) = (summary.steps, summary.rejected);
                 trial.evaluations = summary.evaluations;
                 trial.wall_s = if repeat == 0 { summary.wall_s } else { trial.wall_s.min(summary.wall_s) };
@@ -379,6 +386,7 @@ struct Judge<'a> {
     last: Option<[f64; 2]>,
     /// Rows with time and energy alone.
     energies: Vec<Row>,
+    beyond: Collector<'a>,
     begun: Instant,
     cap: Duration,
     over: std::cell::Cell<bool>,
@@ -391,6 +399,7 @@ impl Observer for Judge<'_> {
     fn row(&mut self, row: &Row) -> Result<(), SimulateError> {
         let at = self.judged.get(self.next) == Some(&self.row);
         self.row += 1;
+        self.beyond.row(row);
         if self.energies.len() < MOST_ROWS {
             let none = Vec::new;
             let (outputs, terms, momentum) = (none(), none(), [0.0; 6]);
