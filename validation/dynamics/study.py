@@ -1,0 +1,206 @@
+"""The whole comparison as a page: tables of all parts, and what was asked for beside what was found."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import openmm
+
+import phipsi
+
+from . import angles, cost, folds, html, steps
+from .results import Results
+
+PARTS = ("steps", "cost", "angles", "folds")
+
+NAMES = {"aladi": "alanine dipeptide", "ala10": "Ala10", "trpcage": "Trp-cage"}
+
+#: Largest steps that are asked for, fs: by noise, by drift; and what is hoped for.
+NOISE_BAR = {"aladi": (15, 16), "ala10": (12, 14), "trpcage": (6, 8)}
+DRIFT_BAR = {"aladi": (15, 18), "ala10": (12, 14), "trpcage": (6, 8)}
+
+#: Dynamics part of a step over the forces of OpenMM's CPU platform: asked for, hoped for.
+COST_BAR = (0.08, 0.04)
+
+
+def measure(folder: Path, parts: list[str], results: Results, starts: int, rounds: int, scale: float) -> dict[str, Any]:
+    """All parts."""
+    found: dict[str, Any] = {}
+    if "steps" in parts:
+        found["steps"] = [steps.measure(folder, name, starts, results, scale) for name in NAMES]
+    if "cost" in parts:
+        found["cost"] = cost.measure(folder, results, rounds, cost.largest_steps(found.get("steps", [])))
+    if "angles" in parts:
+        found["angles"] = angles.measure(folder, results, scale)
+    if "folds" in parts:
+        found["folds"] = results.once("folds", lambda: folds.measure(folder, results, scale))
+    return found
+
+
+def verdicts(found: dict[str, Any]) -> list[tuple[str, float, float, float, bool]]:
+    """What was asked for: what, required, hoped for, found, whether it is met."""
+    rows = []
+    for one in found.get("steps", []):
+        plain = next(c for c in one["cases"] if c["label"] == "torsions")
+        name = one["name"]
+        for kind, bar in (("noise", NOISE_BAR[name]), ("drift", DRIFT_BAR[name])):
+            step = plain[f"{kind}_step"]
+            rows.append((f"{NAMES[name]}: largest step by {kind}, fs", *bar, step, step >= bar[0]))
+    if "cost" in found:
+        part = found["cost"]["part"]["value"]
+        for key, of in (("ratio", "one thread"), ("ratio_default", "threads by default")):
+            rows.append((f"Trp-cage: dynamics part over OpenMM's forces, {of}", *COST_BAR, part[key], part[key] <= COST_BAR[0]))
+    return rows
+
+
+def page(found: dict[str, Any], command: str) -> html.Page:
+    """The page."""
+    p = html.Page("Torsion dynamics beside OpenMM")
+    p.text(
+        f"Written by `{command}`. {time.strftime('%Y-%m-%d')}; {platform.machine()}, {_processor()}, {os.cpu_count()} cores, shared with other "
+        f"work; phipsi {phipsi.__version__}, OpenMM {openmm.version.short_version}, one run. ff14SB; PDB files and Systems of the folder of molecules. Rigid "
+        "clusters joined by all torsions (phipsi, double precision) beside all atoms (OpenMM; Reference platform, double precision, where none is named)."
+    )
+    rows = verdicts(found)
+    if rows:
+        p.heading("Asked for and found")
+        p.table(["", "required", "hoped for", "found"], [[w, f"{a:g}", f"{h:g}", f"{x:.3g}"] for w, a, h, x, _ in rows])
+        missed = [f"{what} is {x:.3g} where {a:g} is required" for what, a, _, x, met in rows if not met]
+        p.text(f"Missed: {'; '.join(missed)}." if missed else "All that is required is met.")
+    sections: dict[str, Callable[[html.Page, Any], None]] = {"steps": _steps, "cost": _cost, "angles": _angles, "folds": _folds}
+    for part, write in sections.items():
+        if part in found:
+            write(p, found[part])
+    return p
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.system()
+    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.system())
+
+
+def _steps(p: html.Page, found: list[dict[str, Any]]) -> None:
+    p.heading("Largest steps at constant energy")
+    lengths = ", ".join(f"{f['ps']:g} ps ({NAMES[f['name']]})" for f in found)
+    p.text(
+        f"In vacuum, from {found[0]['starts']} starts whose mean temperature is within 5 % of 300 K: runs of "
+        f"{lengths}, energies every {steps.RECORD_FS:g} fs. Noise: root mean square of the energy about a straight "
+        "line. Drift: slope of a line through the means of ten blocks, per degree of freedom, ± its error, which the change of the energy that a symplectic method keeps "
+        "adds to. Medians over the starts; a run that fails counts as the noisiest. A largest step is one that passes with all smaller ones that were tried: by noise, below "
+        "that of all atoms at 1 fs; by drift, at most 1e-3 kJ/mol/ps per degree of freedom. K: mean temperatures, least and largest of the medians at all steps, those "
+        "beyond the largest included. Torsions are those of all bonds, ω, CH₃, NH₃ and OH included. H of 3 or 4 Da: at the cost of the atom beside."
+    )
+    rows = []
+    for f in found:
+        for k, c in enumerate(f["cases"]):
+            at = {r["step_fs"]: r["noise"] for r in c["runs"]}
+            some = [f"{at[s]:.2g}" if np.isfinite(at.get(s, np.nan)) else "failed" if s in at else "–" for s in (1, 2, 4, 8, 12)]
+            order = f"{c['order']:.2f}" if "order" in c else "–"
+            kelvin = f"{c['kelvin'][0]:.0f} … {c['kelvin'][1]:.0f}"
+            rows.append([NAMES[f["name"]] if k == 0 else "", c["label"], f"{c['noise_step']:g}", f"{c['drift_step']:g}", *some, order, kelvin])
+    p.table(["", "", "largest step by noise, fs", "by drift, fs", "noise at 1 fs, kJ/mol", "2", "4", "8", "12", "order", "K"], rows)
+    p.text("Order: slope of the logarithm of the noise against that of the step, 1 to 4 fs. Steps that were tried with plain torsions and all atoms:")
+    rows = []
+    for f in found:
+        for c in (c for c in f["cases"] if c["label"] in ("torsions", "Cartesian, all atoms", "Cartesian, X–H constrained")):
+            for r in c["runs"]:
+                good = np.isfinite(r["noise"])
+                drift = [f"{r['drift']:.1e} ± {r['drift_error']:.0e}", f"{r['kelvin']:.0f}"] if np.isfinite(r["drift"]) else ["failed", "–"]
+                rows.append([NAMES[f["name"]], c["label"], f"{r['step_fs']:g}", f"{r['noise']:.2g}" if good else "failed", *drift])
+    p.table(["", "", "step, fs", "noise, kJ/mol", "drift, kJ/mol/ps per degree of freedom", "K"], rows)
+    for f in found:
+        p.figure(f"<h3>{NAMES[f['name']]}</h3>")
+        p.figure(html.chart({c["label"]: [(r["step_fs"], r["noise"]) for r in c["runs"]] for c in f["cases"]}, "step, fs"))
+
+
+def _microseconds(times: dict[str, float]) -> list[str]:
+    return [f"{1e6 * times['processor_s']:.4g}", f"{1e6 * times['wall_s']:.4g}", f"{100 * times['spread']:.0f} %"]
+
+
+def _cost(p: html.Page, found: dict[str, Any]) -> None:
+    part, value = found["part"], found["part"]["value"]
+    p.heading("Cost of a step")
+    p.text(
+        f"One core for both programs, in turns, {part['rounds']} rounds (load {part['load']:.1f} from other work): medians of processor times, the least wall time, and how far the "
+        f"processor times of the rounds are apart. Trp-cage, {value['clusters']} clusters, {value['freedom']} degrees of freedom, steps of {cost.STEP_FS:g} fs, drifts solved to rounding. The dynamics part is a "
+        "step of the same state in a System without forces but the springs within clusters: positions, generalised forces and the drift remain. The CPU platform of OpenMM "
+        "has threads that also wake where it has one; with its threads by default it shares the one core here."
+    )
+    p.table(["Trp-cage", "processor time, µs", "wall time, µs", "apart by"], [[name, *_microseconds(t)] for name, t in value["times"].items()])
+    p.text(
+        f"Dynamics part over energy and forces with GBSAOBCForce: {value['ratio']:.3f} of the CPU platform with one thread, {value['ratio_default']:.3f} with its default "
+        f"(by least wall times {value['ratio_wall']:.3f} and {value['ratio_default_wall']:.3f})."
+    )
+    day = found["day"]
+    p.text(
+        f"Nanoseconds a day for each core's processor time, in a bath of 300 K: torsions at the largest step of the tables above (in vacuum; the same step with GBSAOBC), and OpenMM's "
+        f"CPU platform on one thread with steps of {cost.HEAVY_FS:g} fs, hydrogens of 3 Da and bonds to them constrained (load {day['load']:.1f}). Such steps are not equally accurate: the noise of "
+        "both is in the tables above. Rates of torsions are not those of the flexible molecule either; what is gained is sampling."
+    )
+    rows = []
+    for d in day["value"]:
+        n = d["ns_per_day"]
+        rows.append([f"{NAMES[d['name']]}, {d['environment']}", f"{d['step_fs']:g}", *(f"{n[k]:.0f}" for k in n), f"{n['phipsi'] / n['OpenMM']:.1f}"])
+    p.table(["", "step of torsions, fs", "torsions, ns a day", "with Fixman's potential", "OpenMM CPU, 4 fs", "ratio"], rows)
+    growth = found["growth"]
+    p.text(f"Trp-cage side by side again and again, vacuum with a cutoff of {cost.CUTOFF:g} nm, one core, steps of {cost.STEP_FS:g} fs (load {growth['load']:.1f}); processor times:")
+    rows, first = [], growth["value"][0]
+    for g in growth["value"]:
+        each = [1e6 * g["times"][k]["processor_s"] / g["clusters"] for k in ("dynamics part", "whole step")]
+        base = [1e6 * first["times"][k]["processor_s"] / first["clusters"] for k in ("dynamics part", "whole step")]
+        rows.append([str(g["clusters"]), str(g["atoms"]), *(x for e, b in zip(each, base) for x in (f"{e:.3g}", f"{e / b:.2f}"))])
+    p.table(["clusters", "atoms", "dynamics part, µs a cluster", "relative", "whole step, µs a cluster", "relative"], rows)
+
+
+def _angles(p: html.Page, found: dict[str, Any]) -> None:
+    p.heading("φ and ψ of alanine dipeptide")
+    p.text(
+        "Without forces: the System without NonbondedForce and without the torsion terms about N–CA and CA–C; torsions about the other bonds stay, on which φ and ψ do not depend. "
+        "Hybrid Monte Carlo at 300 K, trajectories of 0.5 ps, every k-th picosecond such that neighbours are not correlated. p: χ² of 24 × 24 bins against a flat density. Deviation: "
+        "root mean square of density over flat density less one, and what chance gives to it."
+    )
+    rows = [
+        ["with Fixman's potential" if f["fixman"] else "without", str(f["samples"]), str(f["every"]), f"{f['p']:.2g}", f"{f['rms']:.3f}", f"{f['chance']:.3f}"]
+        for f in found["flat"]
+    ]
+    p.table(["", "samples", "k", "p", "deviation", "by chance"], rows)
+    p.text(
+        f"With all forces in vacuum, at {found['kelvin']:g} K (at 300 K the flexible molecule hardly crosses to φ > 0): OpenMM's Langevin dynamics of all atoms, with the constants of bonds, angles and "
+        "impropers times 1, 10, 100 (hydrogens of 12 Da there, on which averages of flexible molecules do not depend), and hybrid Monte Carlo of torsions, whose clusters have the geometry of "
+        "springs at rest (the minimum of bonds, angles and impropers alone) or of the energy's minimum. A sample each picosecond. Hellinger's distances of 24 × 24 bins; in brackets without "
+        "what chance adds, by the distances of halves. The distance to all atoms is that of what is frozen: it falls with the stiffness of the springs if Fixman's potential is right."
+    )
+    targets = [label for label in found["runs"] if "all atoms" in label]
+    rows = []
+    for label, r in found["runs"].items():
+        own = [f"{r['distances'][t][0]:.3f} ({r['distances'][t][1]:.3f})" if t != label else "–" for t in targets]
+        rows.append([label, str(r["samples"]), f"{r['positive']:.3f}", str(r["crossings"]), f"{r['halves']:.3f}", *own])
+    p.table(["", "samples", "φ in 0 … 150°", "crossings", "own halves", *(f"to {t}" for t in targets)], rows)
+    for label, r in found["runs"].items():
+        p.figure(html.ramachandran(label, np.array(r["density"])))
+
+
+def _folds(p: html.Page, found: list[dict[str, Any]]) -> None:
+    p.heading("Peptides that keep their fold")
+    own_steps = ", ".join(f"{s:g} fs for {NAMES[n]}" for n, s in folds.STEPS_FS.items())
+    p.text(
+        f"Langevin dynamics at {folds.KELVIN:g} K with GBSAOBC and a friction of {folds.FRICTION:g}/ps, {found[0]['ps']:g} ps from the minimum: torsions with Fixman's potential (steps of "
+        f"{own_steps}), and OpenMM's CPU platform (4 fs, hydrogens of 3 Da, bonds to them constrained). Root mean square distance of the α carbons from "
+        "the file's structure; helical residues by DSSP (mdtraj); of the second half. Angles: Hellinger's distance of the distributions of φ and ψ of all residues in that half, in brackets without what chance adds."
+    )
+    rows = []
+    for f in found:
+        between = f"{f['distance_of_angles'][0]:.3f} ({f['distance_of_angles'][1]:.3f})" if "distance_of_angles" in f else "–"
+        helical = [str(f["helical_start"]), f"{f['helical']:.1f}", str(f["helical_least"])]
+        rows.append([NAMES[f["name"]], f["program"], f"{f['distance']:.3f}", f"{f['largest']:.3f}", *helical, f"{f['halves']:.3f}", between])
+    header = ["", "", "distance, nm", "largest", "helical residues of the file", "mean", "least", "angles: own halves", "between the programs"]
+    p.table(header, rows)
