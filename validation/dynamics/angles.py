@@ -138,7 +138,11 @@ def measure(folder: Path, results: Results, scale: float = 1.0) -> dict[str, Any
         about = {"samples": len(samples[label]), "halves": statistics.halves(samples[label]), "positive": inside, "crossings": crossed}
         found["runs"][label] = about
         print(f"{label}: {about}", flush=True)
-    for label in samples:
-        found["runs"][label]["distances"] = {other: statistics.distance(samples[label], samples[other]) for other in samples if "all atoms" in other}
-        found["runs"][label]["density"] = statistics.histogram(samples[label]).tolist()
+    there = {label: statistics.beside(x) for label, x in samples.items()}
+    targets = [label for label in samples if "all atoms" in label]
+    for label, run in found["runs"].items():
+        run["distances"] = {t: statistics.distance(samples[label], samples[t]) for t in targets}
+        run["distances_beside"] = {t: statistics.distance(there[label], there[t]) for t in targets}
+        run["halves_beside"] = statistics.halves(there[label])
+        run["density"] = statistics.histogram(samples[label]).tolist()
     return found

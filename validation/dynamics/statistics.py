@@ -88,3 +88,9 @@ def crossings(samples: np.ndarray) -> tuple[float, int]:
     where = np.where((phi > 30) & (phi < 120), 1, np.where((phi < -30) & (phi > -180), -1, 0))
     certain = where[where != 0]
     return float(inside.mean()), int(np.count_nonzero(np.diff(certain)))
+
+
+def beside(samples: np.ndarray) -> np.ndarray:
+    """Those that are not in 0 < φ < 150°."""
+    phi = np.degrees(samples[:, 0])
+    return samples[(phi <= 0) | (phi >= 150)]

@@ -180,11 +180,18 @@ def _angles(p: html.Page, found: dict[str, Any]) -> None:
         "what chance adds, by the distances of halves. The distance to all atoms is that of what is frozen: it falls with the stiffness of the springs if Fixman's potential is right."
     )
     targets = [label for label in found["runs"] if "all atoms" in label]
-    rows = []
-    for label, r in found["runs"].items():
-        own = [f"{r['distances'][t][0]:.3f} ({r['distances'][t][1]:.3f})" if t != label else "–" for t in targets]
-        rows.append([label, str(r["samples"]), f"{r['positive']:.3f}", str(r["crossings"]), f"{r['halves']:.3f}", *own])
-    p.table(["", "samples", "φ in 0 … 150°", "crossings", "own halves", *(f"to {t}" for t in targets)], rows)
+    for key, own_halves in (("distances", "halves"), ("distances_beside", "halves_beside")):
+        rows = []
+        for label, r in found["runs"].items():
+            own = [f"{r[key][t][0]:.3f} ({r[key][t][1]:.3f})" if t != label else "–" for t in targets]
+            visits = [str(r["samples"]), f"{r['positive']:.4f}", str(r["crossings"])] if key == "distances" else []
+            rows.append([label, *visits, f"{r[own_halves]:.3f}", *own])
+        if key == "distances_beside":
+            p.text(
+                "The share of φ > 0 is known as well as there are crossings. The same of the samples that are not in 0 … 150°, where all runs begin and move from basin to basin in picoseconds:"
+            )
+        visits = ["samples", "share of φ in 0 … 150°", "crossings"] if key == "distances" else []
+        p.table(["", *visits, "own halves", *(f"to {t}" for t in targets)], rows)
     for label, r in found["runs"].items():
         p.figure(html.ramachandran(label, np.array(r["density"])))
 
