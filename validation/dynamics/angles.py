@@ -25,7 +25,7 @@ from .results import Results
 KELVIN = 600.0
 
 #: Factors of the springs, steps that are short for them, fs, and lengths of runs, ns.
-FACTORS = ((1, 3.0, 40.0), (10, 0.95, 20.0), (100, 0.3, 10.0))
+FACTORS = ((1, 3.0, 30.0), (10, 0.95, 15.0), (100, 0.3, 8.0))
 
 #: Interval of samples, ps.
 SAMPLE_PS = 1.0
@@ -41,6 +41,17 @@ def of(topology: Any, positions: np.ndarray) -> np.ndarray:
     if not phi.shape[1] or not psi.shape[1]:
         return np.empty((0, 2))
     return np.column_stack([phi[:, 0], psi[:, 0]])
+
+
+def with_amides(topology: Any, positions: np.ndarray) -> np.ndarray:
+    """φ, ψ and all ω of every frame, rad: at 600 K amides may turn to cis, where φ and ψ have another distribution."""
+    frames = mdtraj.Trajectory(positions.astype(np.float32), mdtraj.Topology.from_openmm(topology))
+    return np.column_stack([of(topology, positions), mdtraj.compute_omega(frames)[1]])
+
+
+def trans(samples: np.ndarray) -> np.ndarray:
+    """φ and ψ of those samples whose amides are all trans."""
+    return samples[(np.abs(samples[:, 2:]) > np.pi / 2).all(axis=1), :2]
 
 
 def backbone(molecule: Molecule) -> dict[str, int]:
@@ -61,7 +72,7 @@ def torsion_samples(
     bath = {"dt_fs": dt_fs, "ensemble": "hmc", "temperature_K": kelvin, "fixman": fixman, "trajectory_steps": steps, "every": every}
     t.run(20 * every, seed=1, **bath)
     r = t.run(every * samples, seed=2, **bath)
-    return of(molecule.topology, r.positions[1:]), float(r.acceptance)
+    return with_amides(molecule.topology, r.positions[1:]), float(r.acceptance)
 
 
 def cartesian_samples(molecule: Molecule, dt_fs: float, ns: float, kelvin: float = KELVIN, friction: float = 1.0) -> np.ndarray:
@@ -79,7 +90,7 @@ def cartesian_samples(molecule: Molecule, dt_fs: float, ns: float, kelvin: float
     for _ in range(round(1e3 * ns / SAMPLE_PS)):
         integrator.step(steps)
         frames.append(context.getState(getPositions=True).getPositions(asNumpy=True)._value)
-    return of(molecule.topology, np.array(frames))
+    return with_amides(molecule.topology, np.array(frames))
 
 
 def all_of_12(molecule: Molecule) -> Molecule:
@@ -100,7 +111,7 @@ def flat(plain: Molecule, results: Results, scale: float) -> list[dict[str, Any]
         def run(fixman: bool = fixman) -> np.ndarray:
             return torsion_samples(bare, round(scale * FLAT), 20.0, fixman, 300.0, trajectory_ps=0.5)[0]
 
-        samples, k = statistics.independent(results.array(f"flat.{'fixman' if fixman else 'rigid'}", run))
+        samples, k = statistics.independent(results.array(f"flat.{'fixman' if fixman else 'rigid'}", run)[:, :2])
         p, rms, chance = statistics.flatness(samples)
         found.append({"fixman": fixman, "samples": len(samples), "every": k, "p": p, "rms": rms, "chance": chance})
         print(f"flat, fixman {fixman}: {found[-1]}", flush=True)
@@ -113,7 +124,7 @@ def runs(plain: Molecule, scale: float) -> dict[str, Any]:
     for factor, dt, ns in FACTORS:
         changed = all_of_12(molecules.stiffened(plain, factor))
         found[f"all atoms, springs × {factor}"] = lambda m=changed, dt=dt, ns=ns: cartesian_samples(m, dt, scale * ns)
-    found["all atoms, X–H constrained"] = lambda: cartesian_samples(molecules.constrained(plain), 2.0, scale * 20)
+    found["all atoms, X–H constrained"] = lambda: cartesian_samples(molecules.constrained(plain), 2.0, scale * 15)
     rest = molecules.springs_at_rest(plain)
     angle = {"angles": [[at["before"], at["N"], at["CA"]], [at["N"], at["CA"], at["C"]]]}
     for label, molecule, dt, fixman, ns, arguments in (
@@ -133,9 +144,10 @@ def measure(folder: Path, results: Results, scale: float = 1.0) -> dict[str, Any
     found: dict[str, Any] = {"kelvin": KELVIN, "flat": flat(plain, results, scale), "runs": {}}
     samples = {}
     for label, run in runs(plain, scale).items():
-        samples[label] = results.array(f"angles.{label}", run)
+        every = results.array(f"angles.{label}", run)
+        samples[label] = trans(every)
         inside, crossed = statistics.crossings(samples[label])
-        about = {"samples": len(samples[label]), "halves": statistics.halves(samples[label]), "positive": inside, "crossings": crossed}
+        about = {"samples": len(every), "cis": 1 - len(samples[label]) / len(every), "halves": statistics.halves(samples[label]), "positive": inside, "crossings": crossed}
         found["runs"][label] = about
         print(f"{label}: {about}", flush=True)
     there = {label: statistics.beside(x) for label, x in samples.items()}

@@ -176,7 +176,7 @@ def _angles(p: html.Page, found: dict[str, Any]) -> None:
     p.text(
         f"With all forces in vacuum, at {found['kelvin']:g} K (at 300 K the flexible molecule hardly crosses to φ > 0): OpenMM's Langevin dynamics of all atoms, with the constants of bonds, angles and "
         "impropers times 1, 10, 100 (hydrogens of 12 Da there, on which averages of flexible molecules do not depend), and hybrid Monte Carlo of torsions, whose clusters have the geometry of "
-        "springs at rest (the minimum of bonds, angles and impropers alone) or of the energy's minimum. A sample each picosecond. Hellinger's distances of 24 × 24 bins; in brackets without "
+        "springs at rest (the minimum of bonds, angles and impropers alone) or of the energy's minimum. A sample each picosecond; those with an amide at cis, which turns there now and then, are left out. Hellinger's distances of 24 × 24 bins; in brackets without "
         "what chance adds, by the distances of halves. The distance to all atoms is that of what is frozen: it falls with the stiffness of the springs if Fixman's potential is right."
     )
     targets = [label for label in found["runs"] if "all atoms" in label]
@@ -184,13 +184,13 @@ def _angles(p: html.Page, found: dict[str, Any]) -> None:
         rows = []
         for label, r in found["runs"].items():
             own = [f"{r[key][t][0]:.3f} ({r[key][t][1]:.3f})" if t != label else "–" for t in targets]
-            visits = [str(r["samples"]), f"{r['positive']:.4f}", str(r["crossings"])] if key == "distances" else []
+            visits = [str(r["samples"]), f"{r['cis']:.4f}", f"{r['positive']:.4f}", str(r["crossings"])] if key == "distances" else []
             rows.append([label, *visits, f"{r[own_halves]:.3f}", *own])
         if key == "distances_beside":
             p.text(
                 "The share of φ > 0 is known as well as there are crossings. The same of the samples that are not in 0 … 150°, where all runs begin and move from basin to basin in picoseconds:"
             )
-        visits = ["samples", "share of φ in 0 … 150°", "crossings"] if key == "distances" else []
+        visits = ["samples", "share of cis", "share of φ in 0 … 150°", "crossings"] if key == "distances" else []
         p.table(["", *visits, "own halves", *(f"to {t}" for t in targets)], rows)
     for label, r in found["runs"].items():
         p.figure(html.ramachandran(label, np.array(r["density"])))
