@@ -25,7 +25,7 @@ from .results import Results
 KELVIN = 600.0
 
 #: Factors of the springs, steps that are short for them, fs, and lengths of runs, ns.
-FACTORS = ((1, 3.0, 30.0), (10, 0.95, 15.0), (100, 0.3, 8.0))
+FACTORS = ((1, 3.0, 20.0), (10, 0.95, 10.0), (100, 0.3, 5.0))
 
 #: Interval of samples, ps.
 SAMPLE_PS = 1.0
@@ -43,10 +43,21 @@ def of(topology: Any, positions: np.ndarray) -> np.ndarray:
     return np.column_stack([phi[:, 0], psi[:, 0]])
 
 
-def with_amides(topology: Any, positions: np.ndarray) -> np.ndarray:
-    """φ, ψ and all ω of every frame, rad: at 600 K amides may turn to cis, where φ and ψ have another distribution."""
-    frames = mdtraj.Trajectory(positions.astype(np.float32), mdtraj.Topology.from_openmm(topology))
-    return np.column_stack([of(topology, positions), mdtraj.compute_omega(frames)[1]])
+def amides(molecule: Molecule) -> list[list[int]]:
+    """Atoms of ω on either side of the first φ and ψ, of caps too: CA or CH₃, C, N, CA or CH₃."""
+    at, beside = backbone(molecule), {}
+    for i, j in molecules.bonds(molecule.system):
+        beside.setdefault(i, []).append(j)
+        beside.setdefault(j, []).append(i)
+    elements = [a.element.symbol for a in molecule.topology.atoms()]
+    carbon = lambda i: next(j for j in beside[i] if elements[j] == "C" and j not in (at["C"], at["before"]))  # noqa: E731
+    return [[carbon(at["before"]), at["before"], at["N"], at["CA"]], [at["CA"], at["C"], at["after"], carbon(at["after"])]]
+
+
+def with_amides(molecule: Molecule, positions: np.ndarray) -> np.ndarray:
+    """φ, ψ and both ω of every frame, rad: at 600 K amides may turn to cis, where φ and ψ have another distribution."""
+    frames = mdtraj.Trajectory(positions.astype(np.float32), mdtraj.Topology.from_openmm(molecule.topology))
+    return np.column_stack([of(molecule.topology, positions), mdtraj.compute_dihedrals(frames, amides(molecule))])
 
 
 def trans(samples: np.ndarray) -> np.ndarray:
@@ -72,7 +83,7 @@ def torsion_samples(
     bath = {"dt_fs": dt_fs, "ensemble": "hmc", "temperature_K": kelvin, "fixman": fixman, "trajectory_steps": steps, "every": every}
     t.run(20 * every, seed=1, **bath)
     r = t.run(every * samples, seed=2, **bath)
-    return with_amides(molecule.topology, r.positions[1:]), float(r.acceptance)
+    return with_amides(molecule, r.positions[1:]), float(r.acceptance)
 
 
 def cartesian_samples(molecule: Molecule, dt_fs: float, ns: float, kelvin: float = KELVIN, friction: float = 1.0) -> np.ndarray:
@@ -90,7 +101,7 @@ def cartesian_samples(molecule: Molecule, dt_fs: float, ns: float, kelvin: float
     for _ in range(round(1e3 * ns / SAMPLE_PS)):
         integrator.step(steps)
         frames.append(context.getState(getPositions=True).getPositions(asNumpy=True)._value)
-    return with_amides(molecule.topology, np.array(frames))
+    return with_amides(molecule, np.array(frames))
 
 
 def all_of_12(molecule: Molecule) -> Molecule:
@@ -124,7 +135,7 @@ def runs(plain: Molecule, scale: float) -> dict[str, Any]:
     for factor, dt, ns in FACTORS:
         changed = all_of_12(molecules.stiffened(plain, factor))
         found[f"all atoms, springs × {factor}"] = lambda m=changed, dt=dt, ns=ns: cartesian_samples(m, dt, scale * ns)
-    found["all atoms, X–H constrained"] = lambda: cartesian_samples(molecules.constrained(plain), 2.0, scale * 15)
+    found["all atoms, X–H constrained"] = lambda: cartesian_samples(molecules.constrained(plain), 2.0, scale * 10)
     rest = molecules.springs_at_rest(plain)
     angle = {"angles": [[at["before"], at["N"], at["CA"]], [at["N"], at["CA"], at["C"]]]}
     for label, molecule, dt, fixman, ns, arguments in (

@@ -1,8 +1,8 @@
 """What a step costs: the dynamics part of torsions beside the forces of OpenMM's CPU platform, nanoseconds a day, growth with the clusters.
 
 Programs are timed in turns in one run, each on one thread; the table has medians of processor times over the rounds, which other work on
-the machine changes least. The dynamics part is a step of the same molecule in a System that has no forces but springs within clusters:
-those are constants and left out, so that positions, generalised forces, and the implicit drift solved to rounding are what remains.
+the machine changes least. The dynamics part is a step of the same molecule without forces: positions, generalised forces, and the
+implicit drift solved to rounding are what remains.
 """
 
 from __future__ import annotations
@@ -61,9 +61,8 @@ def in_turns(calls: dict[str, tuple[Callable[[int], Any], int]], rounds: int) ->
 
 
 def without_forces(molecule: Molecule) -> phipsi.molecule.System:
-    """In phipsi with no forces but the springs of bonds."""
-    names = {type(f).__name__ for f in molecule.system.getForces()} - {"HarmonicBondForce"}
-    return molecule.phipsi(ignore=sorted(names))
+    """In phipsi without forces: bonds are those of the topology."""
+    return molecule.phipsi(ignore=sorted({type(f).__name__ for f in molecule.system.getForces()}))
 
 
 def warm(molecule: Molecule, seed: int = 1) -> phipsi.molecule.TorsionModel:

@@ -132,7 +132,7 @@ def _cost(p: html.Page, found: dict[str, Any]) -> None:
     p.text(
         f"One core for both programs, in turns, {part['rounds']} rounds (load {part['load']:.1f} from other work): medians of processor times, the least wall time, and how far the "
         f"processor times of the rounds are apart. Trp-cage, {value['clusters']} clusters, {value['freedom']} degrees of freedom, steps of {cost.STEP_FS:g} fs, drifts solved to rounding. The dynamics part is a "
-        "step of the same state in a System without forces but the springs within clusters: positions, generalised forces and the drift remain. The CPU platform of OpenMM "
+        "step of the same state without forces: positions, generalised forces and the drift remain. The CPU platform of OpenMM "
         "has threads that also wake where it has one; with its threads by default it shares the one core here."
     )
     p.table(["Trp-cage", "processor time, µs", "wall time, µs", "apart by"], [[name, *_microseconds(t)] for name, t in value["times"].items()])

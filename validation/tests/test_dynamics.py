@@ -154,6 +154,13 @@ def test_without_pairs_nothing_depends_on_phi_and_psi(plain):
     at = angles.backbone(plain)
     names = plain.phipsi().atom_names
     assert [names[at[k]] for k in ("before", "N", "CA", "C", "after")] == ["ACE1:C", "ALA2:N", "ALA2:CA", "ALA2:C", "NME3:N"]
+    assert [[names[i] for i in four] for four in angles.amides(plain)] == [
+        ["ACE1:CH3", "ACE1:C", "ALA2:N", "ALA2:CA"],
+        ["ALA2:CA", "ALA2:C", "NME3:N", names[18]],
+    ]
+    # Both amides of the file are trans.
+    assert angles.with_amides(plain, plain.positions[None]).shape == (1, 4)
+    assert len(angles.trans(angles.with_amides(plain, plain.positions[None]))) == 1
     axes = [(at["N"], at["CA"]), (at["CA"], at["C"])]
     bare = molecules.without_pairs(plain, axes)
     t = phipsi.molecule.TorsionModel(bare.phipsi(), hinges=[list(a) for a in axes])
@@ -203,7 +210,8 @@ def test_costs_are_taken_in_turns(plain):
     # The same state, without forces: kinetic energy, and nothing that pushes.
     assert free.model.kinetic_energy(free.q, free.v) == pytest.approx(t.model.kinetic_energy(t.q, t.v), rel=1e-9)
     r = free.run(100, dt_fs=5, every=1)
-    assert np.ptp(r.potential_energy) == 0 and np.ptp(r.kinetic_energy) < 1e-2
+    # Free motion keeps its energy to second order: with all forces the noise is 0.02 kJ/mol at this step.
+    assert not r.potential_energy.any() and np.ptp(r.kinetic_energy) < 0.02
     seen = []
     calls = {name: (lambda count, name=name: seen.append((name, count)), 20) for name in "ab"}
     found = cost.in_turns(calls, 3)
