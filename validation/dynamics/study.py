@@ -142,7 +142,7 @@ def _cost(p: html.Page, found: dict[str, Any]) -> None:
     )
     day = found["day"]
     p.text(
-        f"Nanoseconds a day for each core's processor time, in a bath of 300 K: torsions at the largest step of the tables above (in vacuum; the same step with GBSAOBC), and OpenMM's "
+        f"Nanoseconds a day for each core's processor time, in a bath of 300 K: torsions at a cautious step and at the largest of the tables above (of vacuum, taken with GBSAOBC too), and OpenMM's "
         f"CPU platform on one thread with steps of {cost.HEAVY_FS:g} fs, hydrogens of 3 Da and bonds to them constrained (load {day['load']:.1f}). Such steps are not equally accurate: the noise of "
         "both is in the tables above. Rates of torsions are not those of the flexible molecule either; what is gained is sampling."
     )
