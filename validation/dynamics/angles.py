@@ -135,15 +135,15 @@ def runs(plain: Molecule, scale: float) -> dict[str, Any]:
     for factor, dt, ns in FACTORS:
         changed = all_of_12(molecules.stiffened(plain, factor))
         found[f"all atoms, springs × {factor}"] = lambda m=changed, dt=dt, ns=ns: cartesian_samples(m, dt, scale * ns)
-    found["all atoms, X–H constrained"] = lambda: cartesian_samples(molecules.constrained(plain), 2.0, scale * 10)
+    found["all atoms, X–H constrained"] = lambda: cartesian_samples(molecules.constrained(plain), 2.0, scale * 8)
     rest = molecules.springs_at_rest(plain)
     angle = {"angles": [[at["before"], at["N"], at["CA"]], [at["N"], at["CA"], at["C"]]]}
     for label, molecule, dt, fixman, ns, arguments in (
-        ("torsions with Fixman's potential, springs at rest", rest, 10.0, True, 40, {}),
-        ("torsions, springs at rest", rest, 10.0, False, 40, {}),
-        ("torsions with Fixman's potential, minimum", plain, 10.0, True, 40, {}),
-        ("torsions and two backbone angles, with Fixman's potential", plain, 5.0, True, 40, angle),
-        ("torsions and an angle at each, with Fixman's potential", plain, 4.0, True, 20, {"clusters": "torsion+angle"}),
+        ("torsions with Fixman's potential, springs at rest", rest, 10.0, True, 20, {}),
+        ("torsions, springs at rest", rest, 10.0, False, 20, {}),
+        ("torsions with Fixman's potential, minimum", plain, 10.0, True, 20, {}),
+        ("torsions and two backbone angles, with Fixman's potential", plain, 5.0, True, 20, angle),
+        ("torsions and an angle at each, with Fixman's potential", plain, 4.0, True, 10, {"clusters": "torsion+angle"}),
     ):
         found[label] = lambda m=molecule, dt=dt, f=fixman, ns=ns, a=arguments: torsion_samples(m, round(1e3 * scale * ns), dt, f, **a)[0]
     return found

@@ -113,7 +113,8 @@ def cartesian_stepper(molecule: Molecule) -> Callable[[int], Any]:
     openmm.LocalEnergyMinimizer.minimize(context)
     context.setVelocitiesToTemperature(KELVIN, 1)
     integrator.step(500)
-    return integrator.step
+    # The function keeps the Context, which the integrator does not.
+    return lambda count: context.getIntegrator().step(count)
 
 
 def dynamics_part(folder: Path, rounds: int) -> dict[str, Any]:

@@ -64,7 +64,7 @@ def page(found: dict[str, Any], command: str) -> html.Page:
     p = html.Page("Torsion dynamics beside OpenMM")
     p.text(
         f"Written by `{command}`. {time.strftime('%Y-%m-%d')}; {platform.machine()}, {_processor()}, {os.cpu_count()} cores, shared with other "
-        f"work; phipsi {phipsi.__version__}, OpenMM {openmm.version.short_version}, one run. ff14SB; PDB files and Systems of the folder of molecules. Rigid "
+        f"work; phipsi {phipsi.__version__}, OpenMM {openmm.version.short_version}; parts one after the other. ff14SB; PDB files and Systems of the folder of molecules. Rigid "
         "clusters joined by all torsions (phipsi, double precision) beside all atoms (OpenMM; Reference platform, double precision, where none is named)."
     )
     rows = verdicts(found)
