@@ -25,7 +25,7 @@ from .results import Results
 KELVIN = 600.0
 
 #: Factors of the springs, steps that are short for them, fs, and lengths of runs, ns.
-FACTORS = ((1, 3.0, 20.0), (10, 0.95, 10.0), (100, 0.3, 5.0))
+FACTORS = ((1, 3.0, 20.0), (10, 0.95, 10.0), (100, 0.3, 8.0))
 
 #: Interval of samples, ps.
 SAMPLE_PS = 1.0
@@ -149,23 +149,36 @@ def runs(plain: Molecule, scale: float) -> dict[str, Any]:
     return found
 
 
+def compared(samples: dict[str, np.ndarray], cis: dict[str, float]) -> dict[str, Any]:
+    """Of every run: samples, share of cis amides left out, share and crossings of φ > 0, distances to the runs of all atoms, those of halves;
+    the distances once more of the samples beside φ > 0."""
+    there = {label: statistics.beside(x) for label, x in samples.items()}
+    targets, found = [label for label in samples if "all atoms" in label], {}
+    for label, x in samples.items():
+        inside, crossed = statistics.crossings(x)
+        found[label] = {
+            "samples": len(x),
+            "cis": cis[label],
+            "positive": inside,
+            "crossings": crossed,
+            "halves": statistics.halves(x),
+            "halves_beside": statistics.halves(there[label]),
+            "distances": {t: statistics.distance(x, samples[t]) for t in targets},
+            "distances_beside": {t: statistics.distance(there[label], there[t]) for t in targets},
+            "density": statistics.histogram(x).tolist(),
+        }
+    return found
+
+
 def measure(folder: Path, results: Results, scale: float = 1.0) -> dict[str, Any]:
     """Flatness, and all distributions with their distances."""
     plain = molecules.from_folder(folder, "aladi")
-    found: dict[str, Any] = {"kelvin": KELVIN, "flat": flat(plain, results, scale), "runs": {}}
-    samples = {}
+    found: dict[str, Any] = {"kelvin": KELVIN, "flat": flat(plain, results, scale)}
+    samples, cis = {}, {}
     for label, run in runs(plain, scale).items():
         every = results.array(f"angles.{label}", run)
         samples[label] = trans(every)
-        inside, crossed = statistics.crossings(samples[label])
-        about = {"samples": len(every), "cis": 1 - len(samples[label]) / len(every), "halves": statistics.halves(samples[label]), "positive": inside, "crossings": crossed}
-        found["runs"][label] = about
-        print(f"{label}: {about}", flush=True)
-    there = {label: statistics.beside(x) for label, x in samples.items()}
-    targets = [label for label in samples if "all atoms" in label]
-    for label, run in found["runs"].items():
-        run["distances"] = {t: statistics.distance(samples[label], samples[t]) for t in targets}
-        run["distances_beside"] = {t: statistics.distance(there[label], there[t]) for t in targets}
-        run["halves_beside"] = statistics.halves(there[label])
-        run["density"] = statistics.histogram(samples[label]).tolist()
+        cis[label] = 1 - len(samples[label]) / len(every)
+        print(f"{label}: {len(every)} samples, halves apart by {statistics.halves(samples[label]):.3f}", flush=True)
+    found["runs"] = compared(samples, cis)
     return found

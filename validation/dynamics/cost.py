@@ -164,8 +164,8 @@ def growth(folder: Path, rounds: int) -> list[dict[str, Any]]:
         many = molecules.copies(one, count, CUTOFF)
         whole = phipsi.molecule.TorsionModel(many.phipsi())
         whole.velocities = np.concatenate([velocities] * count)
-        calls = {"whole step": (stepper(whole, STEP_FS), max(5, 300 // count))}
-        calls["dynamics part"] = (stepper(moving_freely(whole, many), STEP_FS), max(5, 500 // count))
+        calls = {"whole step": (stepper(whole, STEP_FS), max(60, 300 // count))}
+        calls["dynamics part"] = (stepper(moving_freely(whole, many), STEP_FS), max(60, 500 // count))
         times, clusters = in_turns(calls, rounds), len(whole.clusters)
         found.append({"copies": count, "atoms": many.system.getNumParticles(), "clusters": clusters, "times": times})
         print(f"{clusters} clusters: {times}", flush=True)

@@ -70,13 +70,14 @@ def fold(molecule: Molecule, positions: np.ndarray) -> dict[str, Any]:
 
 
 def backbone_angles(molecule: Molecule, positions: np.ndarray) -> np.ndarray:
-    """φ and ψ of all residues that have both, all frames of the second half one after the other: (n, 2)."""
+    """φ and ψ of all residues that have both, frame by frame of the second half: (n, 2)."""
     topology = mdtraj.Topology.from_openmm(molecule.topology)
     frames = mdtraj.Trajectory(positions[len(positions) // 2 :].astype(np.float32), topology)
     (by_phi, phi), (by_psi, psi) = mdtraj.compute_phi(frames), mdtraj.compute_psi(frames)
     at = {tuple(atoms[:3]): k for k, atoms in enumerate(by_psi)}
     pairs = [(k, at[tuple(atoms[1:])]) for k, atoms in enumerate(by_phi) if tuple(atoms[1:]) in at]
-    return np.concatenate([np.column_stack([phi[:, i], psi[:, j]]) for i, j in pairs])
+    # All residues of a frame together, so that halves are halves of the run.
+    return np.stack([np.column_stack([phi[:, i], psi[:, j]]) for i, j in pairs], axis=1).reshape(-1, 2)
 
 
 def measure(folder: Path, results: Results, scale: float = 1.0) -> list[dict[str, Any]]:

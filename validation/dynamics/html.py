@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from html import escape
 
 import numpy as np
@@ -12,6 +13,9 @@ from .statistics import BINS
 #: Name → points (x, y).
 Series = dict[str, list[tuple[float, float]]]
 
+
+#: Columns of paragraphs in Markdown.
+WIDTH = 150
 
 #: Of lines, in turn.
 COLORS = ("#1d6fb8", "#c2410c", "#15803d", "#7c3aed", "#0e7490", "#a16207", "#be185d")
@@ -94,10 +98,13 @@ class Page:
     def text(self, text: str) -> None:
         """A paragraph, with code between backquotes."""
         self.html.append("<p>" + re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(text)) + "</p>")
-        self.markdown.append(f"{text}\n")
+        self.markdown.append(textwrap.fill(text, WIDTH, break_long_words=False, break_on_hyphens=False) + "\n")
 
-    def table(self, header: list[str], rows: list[list[str]]) -> None:
+    def table(self, header: list[str], rows: list[list[str]], is_long: bool = False) -> None:
+        """A table; a long one is in HTML alone."""
         self.html.append(table(header, rows))
+        if is_long:
+            return
         lines = [header, ["---"] * len(header), *rows]
         self.markdown.append("\n".join("| " + " | ".join(c.replace("|", "\\|") for c in line) + " |" for line in lines) + "\n")
 

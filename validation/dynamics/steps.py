@@ -23,8 +23,8 @@ from .results import Results
 
 KELVIN = 300.0
 
-#: Steps of torsions that are tried, fs: those of the fit of the order first.
-FIT = (1, 2, 4)
+#: Steps of torsions that are tried, fs: small ones for the order, which is fitted up to ``FIT_TO``.
+FIT, FIT_TO = (1, 2, 4), 8
 FINE = {"aladi": (6, 8, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 22), "ala10": (6, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18)}
 FINE_OTHERS = (5, 6, 7, 8, 9, 10, 11, 12, 13, 14)
 FREE, CONSTRAINED, HEAVY = (1, 1.5, 2, 2.5, 3), (1, 2, 3, 4, 5), (2, 3, 4, 5, 6, 7)
@@ -198,7 +198,8 @@ def summarize(found: dict[str, Any]) -> None:
         steps = [r["step_fs"] for r in case["runs"]]
         case["noise_step"] = noise.largest_step(steps, [r["noise"] for r in case["runs"]], reference)
         case["drift_step"] = noise.largest_step(steps, [r["drift"] for r in case["runs"]], 1e-3)
-        case["kelvin"] = [f([r["kelvin"] for r in case["runs"] if np.isfinite(r["kelvin"])]) for f in (min, max)]
-        fit = [(r["step_fs"], r["noise"]) for r in case["runs"] if r["step_fs"] in FIT]
-        if case["program"] == "phipsi" and len(fit) == len(FIT):
+        passed = [r for r in case["runs"] if r["step_fs"] <= max(case["noise_step"], case["drift_step"])]
+        case["kelvin"] = [f([r["kelvin"] for r in passed]) for f in (min, max)] if passed else None
+        fit = [(r["step_fs"], r["noise"]) for r in case["runs"] if r["step_fs"] <= FIT_TO]
+        if case["program"] == "phipsi" and steps[0] == FIT[0]:
             case["order"] = noise.order(*map(list, zip(*fit)))

@@ -73,6 +73,9 @@ def page(found: dict[str, Any], command: str) -> html.Page:
         p.table(["", "required", "hoped for", "found"], [[w, f"{a:g}", f"{h:g}", f"{x:.3g}"] for w, a, h, x, _ in rows])
         missed = [f"{what} is {x:.3g} where {a:g} is required" for what, a, _, x, met in rows if not met]
         p.text(f"Missed: {'; '.join(missed)}." if missed else "All that is required is met.")
+        short = [f"{what} is {x:.3g} where {h:g} was hoped for" for what, a, h, x, met in rows if met and (x < h if a < h else x > h)]
+        if short:
+            p.text(f"Short of what was hoped for: {'; '.join(short)}.")
     sections: dict[str, Callable[[html.Page, Any], None]] = {"steps": _steps, "cost": _cost, "angles": _angles, "folds": _folds}
     for part, write in sections.items():
         if part in found:
@@ -96,8 +99,8 @@ def _steps(p: html.Page, found: list[dict[str, Any]]) -> None:
         f"{lengths}, energies every {steps.RECORD_FS:g} fs. Noise: root mean square of the energy about a straight "
         "line. Drift: slope of a line through the means of ten blocks, per degree of freedom, ± its error, which the change of the energy that a symplectic method keeps "
         "adds to. Medians over the starts; a run that fails counts as the noisiest. A largest step is one that passes with all smaller ones that were tried: by noise, below "
-        "that of all atoms at 1 fs; by drift, at most 1e-3 kJ/mol/ps per degree of freedom. K: mean temperatures, least and largest of the medians at all steps, those "
-        "beyond the largest included. Torsions are those of all bonds, ω, CH₃, NH₃ and OH included. H of 3 or 4 Da: at the cost of the atom beside."
+        "that of all atoms at 1 fs; by drift, at most 1e-3 kJ/mol/ps per degree of freedom. K: mean temperatures, least and largest of the medians at the steps that "
+        "pass. Torsions are those of all bonds, ω, CH₃, NH₃ and OH included. H of 3 or 4 Da: at the cost of the atom beside."
     )
     rows = []
     for f in found:
@@ -105,21 +108,37 @@ def _steps(p: html.Page, found: list[dict[str, Any]]) -> None:
             at = {r["step_fs"]: r["noise"] for r in c["runs"]}
             some = [f"{at[s]:.2g}" if np.isfinite(at.get(s, np.nan)) else "failed" if s in at else "–" for s in (1, 2, 4, 8, 12)]
             order = f"{c['order']:.2f}" if "order" in c else "–"
-            kelvin = f"{c['kelvin'][0]:.0f} … {c['kelvin'][1]:.0f}"
-            rows.append([NAMES[f["name"]] if k == 0 else "", c["label"], f"{c['noise_step']:g}", f"{c['drift_step']:g}", *some, order, kelvin])
+            kelvin = f"{c['kelvin'][0]:.0f} … {c['kelvin'][1]:.0f}" if c["kelvin"] else "–"
+            largest = [_largest(c, kind) for kind in ("noise_step", "drift_step")]
+            rows.append([NAMES[f["name"]] if k == 0 else "", c["label"], *largest, *some, order, kelvin])
     p.table(["", "", "largest step by noise, fs", "by drift, fs", "noise at 1 fs, kJ/mol", "2", "4", "8", "12", "order", "K"], rows)
-    p.text("Order: slope of the logarithm of the noise against that of the step, 1 to 4 fs. Steps that were tried with plain torsions and all atoms:")
-    rows = []
+    p.text(
+        f"Order: slope of the logarithm of the noise against that of the step, 1 to {steps.FIT_TO} fs. ≥: all steps that were tried pass; <: none does. Drift of plain torsions and of all "
+        "atoms at the steps about their largest ones (the page in HTML has all cases at all steps):"
+    )
+    header = ["", "", "step, fs", "noise, kJ/mol", "drift, kJ/mol/ps per degree of freedom", "K"]
+    rows, few = [], []
     for f in found:
-        for c in (c for c in f["cases"] if c["label"] in ("torsions", "Cartesian, all atoms", "Cartesian, X–H constrained")):
+        for c in f["cases"]:
             for r in c["runs"]:
                 good = np.isfinite(r["noise"])
                 drift = [f"{r['drift']:.1e} ± {r['drift_error']:.0e}", f"{r['kelvin']:.0f}"] if np.isfinite(r["drift"]) else ["failed", "–"]
                 rows.append([NAMES[f["name"]], c["label"], f"{r['step_fs']:g}", f"{r['noise']:.2g}" if good else "failed", *drift])
-    p.table(["", "", "step, fs", "noise, kJ/mol", "drift, kJ/mol/ps per degree of freedom", "K"], rows)
+                near = min(c["noise_step"], c["drift_step"]) / 2 <= r["step_fs"] <= 1.2 * max(c["noise_step"], c["drift_step"])
+                if near and c["label"] in ("torsions", "Cartesian, all atoms", "Cartesian, X–H constrained"):
+                    few.append(rows[-1])
+    p.table(header, few)
+    p.table(header, rows, is_long=True)
     for f in found:
         p.figure(f"<h3>{NAMES[f['name']]}</h3>")
         p.figure(html.chart({c["label"]: [(r["step_fs"], r["noise"]) for r in c["runs"]] for c in f["cases"]}, "step, fs"))
+
+
+def _largest(case: dict[str, Any], kind: str) -> str:
+    tried = [r["step_fs"] for r in case["runs"]]
+    if not case[kind]:
+        return f"< {min(tried):g}"
+    return f"{'≥ ' if case[kind] == max(tried) else ''}{case[kind]:g}"
 
 
 def _microseconds(times: dict[str, float]) -> list[str]:
@@ -169,10 +188,10 @@ def _angles(p: html.Page, found: dict[str, Any]) -> None:
         "root mean square of density over flat density less one, and what chance gives to it."
     )
     rows = [
-        ["with Fixman's potential" if f["fixman"] else "without", str(f["samples"]), str(f["every"]), f"{f['p']:.2g}", f"{f['rms']:.3f}", f"{f['chance']:.3f}"]
+        ["with Fixman's potential" if f["fixman"] else "without", str(f["samples"]), str(f["every"]), f"{f['p']:.2g}", f"{f['rms']:.3f}", f"{f['chance']:.3f}", f"{max(0.0, f['rms'] ** 2 - f['chance'] ** 2) ** 0.5:.3f}"]
         for f in found["flat"]
     ]
-    p.table(["", "samples", "k", "p", "deviation", "by chance"], rows)
+    p.table(["", "samples", "k", "p", "deviation", "by chance", "beyond it"], rows)
     p.text(
         f"With all forces in vacuum, at {found['kelvin']:g} K (at 300 K the flexible molecule hardly crosses to φ > 0): OpenMM's Langevin dynamics of all atoms, with the constants of bonds, angles and "
         "impropers times 1, 10, 100 (hydrogens of 12 Da there, on which averages of flexible molecules do not depend), and hybrid Monte Carlo of torsions, whose clusters have the geometry of "
@@ -192,8 +211,21 @@ def _angles(p: html.Page, found: dict[str, Any]) -> None:
             )
         visits = ["samples", "share of cis", "share of φ in 0 … 150°", "crossings"] if key == "distances" else []
         p.table(["", *visits, "own halves", *(f"to {t}" for t in targets)], rows)
+    p.text(_conclusion(found["runs"], targets))
     for label, r in found["runs"].items():
         p.figure(html.ramachandran(label, np.array(r["density"])))
+
+
+def _conclusion(runs: dict[str, Any], targets: list[str]) -> str:
+    """Distances of the samples beside φ > 0 in words."""
+    away = {label: [r["distances_beside"][t][1] for t in targets] for label, r in runs.items()}
+    stiff, rigid = (", ".join(f"{x:.3f}" for x in away[label][:3]) for label in runs if label.endswith("springs at rest"))
+    kinds = {label: f"{x[0]:.3f}" for label, x in away.items() if "all atoms" not in label}
+    ordinary = "; ".join(f"{x} of {label}" for label, x in kinds.items())
+    return (
+        f"Without what chance adds, torsions with Fixman's potential and springs at rest are {stiff} away from all atoms with springs × 1, 10, 100, and {rigid} without it. "
+        f"To the ordinary run (springs × 1) it is {ordinary}."
+    )
 
 
 def _folds(p: html.Page, found: list[dict[str, Any]]) -> None:

@@ -194,7 +194,7 @@ def test_largest_steps_are_summarized():
     run = lambda step, n, d: noise.Noise("x", step, n, d, 1e-6, 1.0, 300.0)._asdict()  # noqa: E731
     found = {"cases": [
         {"label": "Cartesian, all atoms", "program": "OpenMM", "runs": [run(1, 0.4, 0.0), run(2, 1.6, 0.0)]},
-        {"label": "torsions", "program": "phipsi", "runs": [run(1, 0.01, 1e-6), run(2, 0.04, 1e-5), run(4, 0.16, 1e-4), run(8, 0.6, 5e-4)]},
+        {"label": "torsions", "program": "phipsi", "runs": [run(1, 0.01, 1e-6), run(2, 0.04, 1e-5), run(4, 0.16, 1e-4), run(8, 0.64, 5e-4)]},
     ]}  # fmt: skip
     steps.summarize(found)
     assert found["reference_noise"] == 0.4 and found["cases"][1]["noise_step"] == 4 and found["cases"][1]["drift_step"] == 8
@@ -202,6 +202,10 @@ def test_largest_steps_are_summarized():
     assert cost.largest_steps([{"name": "aladi", **found}]) == {"aladi": 4}
     table = study.verdicts({"steps": [{"name": "aladi", **found}]})
     assert [(row[1], row[3], row[4]) for row in table] == [(15, 4, False), (15, 8, False)]
+    assert found["cases"][1]["kelvin"] == [300, 300]
+    assert [study._largest(c, "noise_step") for c in found["cases"]] == ["1", "4"] and study._largest(found["cases"][1], "drift_step") == "≥ 8"
+    page = study.page({"steps": [{"name": "aladi", "starts": 1, "ps": 1.0, **found}]}, "command")
+    assert "Missed: alanine dipeptide: largest step by noise, fs is 4 where 15 is required" in " ".join("".join(page.markdown).split())
 
 
 def test_costs_are_taken_in_turns(plain):
@@ -234,7 +238,9 @@ def test_folds_are_measured():
     frames[1:] = frames[1:] @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]) + 1.0
     found = folds.fold(peptide, frames)
     assert found["residues"] == 3 and found["largest"] < 1e-4 and found["helical"] == found["helical_start"]
-    assert folds.backbone_angles(peptide, frames).shape == (9, 2)
+    # Frame by frame: all three residues of the first before those of the second.
+    turns = folds.backbone_angles(peptide, frames).reshape(3, 3, 2)
+    assert np.abs(turns - turns[0]).max() < 1e-3 < np.ptp(turns[0], axis=0).min()
 
 
 def test_results_are_kept(tmp_path):
@@ -246,15 +252,43 @@ def test_results_are_kept(tmp_path):
     assert Results(None).once("a", lambda: 3) == 3
 
 
+def test_pages_of_the_other_parts():
+    """Numbers that are given are on the page."""
+    times = {"processor_s": 1e-4, "wall_s": 2e-4, "spread": 0.1}
+    part = {"times": {"phipsi, dynamics part": times}, "clusters": 100, "freedom": 105, "ratio": 0.1, "ratio_default": 0.02, "ratio_wall": 0.1, "ratio_default_wall": 0.02}
+    day = {"name": "ala10", "environment": "vacuum", "step_fs": 10, "ns_per_day": {"phipsi": 200.0, "phipsi, Fixman": 180.0, "OpenMM": 50.0}}
+    growth = [{"clusters": 100 * k, "atoms": 300 * k, "times": {n: {"processor_s": 1e-4 * k**1.1} for n in ("dynamics part", "whole step")}} for k in (1, 10)]
+    loaded = lambda value: {"load": 1.0, "rounds": 3, "value": value}  # noqa: E731
+    random, samples = np.random.default_rng(8), {}
+    labels = [*(f"all atoms, springs × {k}" for k in (1, 10, 100)), "torsions with Fixman's potential, springs at rest", "torsions, springs at rest"]
+    for label in labels:
+        samples[label] = random.vonmises(-1.5, 4, (20000, 2))
+    samples[labels[0]] += 0.3
+    flat = [{"fixman": f, "samples": 100, "every": 2, "p": 0.5, "rms": 0.3, "chance": 0.2} for f in (True, False)]
+    found = {
+        "cost": {"part": loaded(part), "day": loaded([day]), "growth": loaded(growth)},
+        "angles": {"kelvin": 600.0, "flat": flat, "runs": angles.compared(samples, {label: 0.0 for label in labels})},
+    }
+    text = "\n".join(study.page(found, "command").markdown)
+    assert "one thread is 0.1 where 0.08 is required" in " ".join(text.split()) and "| 1000 | 3000 | 1.26 | 1.26 | 1.26 | 1.26 |" in text
+    assert "| Ala10, vacuum | 10 | 200 | 180 | 50 | 4.0 |" in text and "| without | 100 | 2 | 0.5 | 0.300 | 0.200 | 0.224 |" in text
+    away = found["angles"]["runs"][labels[3]]["distances_beside"]
+    # Moved by 0.3 rad, as in the test of distances; to samples of the same distribution it is what is left of chance.
+    known = math.sqrt(1 - (np.i0(4 * math.cos(0.15)) / np.i0(4)) ** 2)
+    assert away[labels[0]][1] == pytest.approx(known, rel=0.05) and away[labels[1]][1] < 0.2 * known
+    assert f"{away[labels[0]][1]:.3f}, {away[labels[1]][1]:.3f}" in " ".join(text.split())
+
+
 def test_pages_are_html_and_markdown():
     p = html.Page("A & B")
     p.heading("Steps")
     p.text("By `x < 1`.")
     p.table(["", "a|b"], [["c", "1"]])
+    p.table([""], [["in HTML alone"]], is_long=True)
     p.figure(html.chart({"torsions": [(1, 0.1), (2, 0.4)], "lost": [(4, math.nan)]}, "step, fs"))
     text, markdown = "\n".join(p.html), "\n".join(p.markdown)
-    assert "<title>A &amp; B</title>" in text and "<code>x &lt; 1</code>" in text and "polyline" in text and "lost" not in text
-    assert markdown.startswith("# A & B\n") and "| c | 1 |" in markdown and "a\\|b" in markdown and "svg" not in markdown
+    assert "<title>A &amp; B</title>" in text and "<code>x &lt; 1</code>" in text and "polyline" in text and "lost" not in text and "in HTML alone" in text
+    assert markdown.startswith("# A & B\n") and "| c | 1 |" in markdown and "a\\|b" in markdown and "svg" not in markdown and "alone" not in markdown
 
 
 def test_the_whole_comparison_in_short(tmp_path, monkeypatch):
