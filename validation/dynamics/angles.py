@@ -25,7 +25,7 @@ from .results import Results
 KELVIN = 600.0
 
 #: Factors of the springs, steps that are short for them, fs, and lengths of runs, ns.
-FACTORS = ((1, 3.0, 20.0), (10, 0.95, 10.0), (100, 0.3, 8.0))
+FACTORS = ((1, 3.0, 20.0), (10, 0.95, 10.0), (100, 0.3, 5.0))
 
 #: Interval of samples, ps.
 SAMPLE_PS = 1.0
