@@ -31,7 +31,7 @@ FACTORS = ((1, 3.0, 20.0), (10, 0.95, 10.0), (100, 0.3, 5.0))
 SAMPLE_PS = 1.0
 
 #: Samples of the flat distributions, one each picosecond.
-FLAT = 60000
+FLAT = 180000
 
 
 def of(topology: Any, positions: np.ndarray) -> np.ndarray:

@@ -97,10 +97,10 @@ def _steps(p: html.Page, found: list[dict[str, Any]]) -> None:
     p.text(
         f"In vacuum, from {found[0]['starts']} starts whose mean temperature is within 5 % of 300 K: runs of "
         f"{lengths}, energies every {steps.RECORD_FS:g} fs. Noise: root mean square of the energy about a straight "
-        "line. Drift: slope of a line through the means of ten blocks, per degree of freedom, ± its error, which the change of the energy that a symplectic method keeps "
-        "adds to. Medians over the starts; a run that fails counts as the noisiest. A largest step is one that passes with all smaller ones that were tried: by noise, below "
-        "that of all atoms at 1 fs; by drift, at most 1e-3 kJ/mol/ps per degree of freedom. K: mean temperatures, least and largest of the medians at the steps that "
-        "pass. Torsions are those of all bonds, ω, CH₃, NH₃ and OH included. H of 3 or 4 Da: at the cost of the atom beside."
+        "line. Drift: slope of a line through the means of ten blocks, per degree of freedom, ± its error; the energy that a "
+        "symplectic method keeps is another one, so that energies of short runs also move without drift. Medians over the starts; a run that fails counts as the noisiest. "
+        "A largest step is one that passes with all smaller ones that were tried: by noise, below that of all atoms at 1 fs; by drift, "
+        "at most 1e-3 kJ/mol/ps per degree of freedom. K: mean temperatures, least and largest of the medians at the steps that pass. Torsions are those of all bonds, ω, CH₃, NH₃ and OH included. H of 3 or 4 Da: at the cost of the atom beside."
     )
     rows = []
     for f in found:
@@ -150,9 +150,9 @@ def _cost(p: html.Page, found: dict[str, Any]) -> None:
     p.heading("Cost of a step")
     p.text(
         f"One core for both programs, in turns, {part['rounds']} rounds (load {part['load']:.1f} from other work): medians of processor times, the least wall time, and how far the "
-        f"processor times of the rounds are apart. Trp-cage, {value['clusters']} clusters, {value['freedom']} degrees of freedom, steps of {cost.STEP_FS:g} fs, drifts solved to rounding. The dynamics part is a "
-        "step of the same state without forces: positions, generalised forces and the drift remain. The CPU platform of OpenMM "
-        "has threads that also wake where it has one; with its threads by default it shares the one core here."
+        f"processor times of the rounds are apart. Trp-cage, {value['clusters']} clusters, {value['freedom']} degrees of freedom, steps of {cost.STEP_FS:g} fs, drifts "
+        "solved to rounding. The dynamics part is a step of the same state without forces: positions, generalised forces and the drift remain. OpenMM's CPU platform "
+        "wakes its threads at every call, also where it has one; as many as it takes by itself share the one core here."
     )
     p.table(["Trp-cage", "processor time, µs", "wall time, µs", "apart by"], [[name, *_microseconds(t)] for name, t in value["times"].items()])
     p.text(
@@ -161,9 +161,9 @@ def _cost(p: html.Page, found: dict[str, Any]) -> None:
     )
     day = found["day"]
     p.text(
-        f"Nanoseconds a day for each core's processor time, in a bath of 300 K: torsions at a cautious step and at the largest of the tables above (of vacuum, taken with GBSAOBC too), and OpenMM's "
-        f"CPU platform on one thread with steps of {cost.HEAVY_FS:g} fs, hydrogens of 3 Da and bonds to them constrained (load {day['load']:.1f}). Such steps are not equally accurate: the noise of "
-        "both is in the tables above. Rates of torsions are not those of the flexible molecule either; what is gained is sampling."
+        f"Nanoseconds a day of one core's processor time, in a bath of 300 K (load {day['load']:.1f}): torsions at a cautious step and at the largest of the tables above (of "
+        f"vacuum, taken with GBSAOBC too), and OpenMM's CPU platform on one thread with steps of {cost.HEAVY_FS:g} fs, hydrogens of 3 Da and bonds to them constrained. Such steps "
+        "are not equally accurate: the noise of both is in the tables above. Rates of torsions are not those of the flexible molecule either; what is gained is sampling."
     )
     rows = []
     for d in day["value"]:
@@ -187,16 +187,18 @@ def _angles(p: html.Page, found: dict[str, Any]) -> None:
         "Hybrid Monte Carlo at 300 K, trajectories of 0.5 ps, every k-th picosecond such that neighbours are not correlated. p: χ² of 24 × 24 bins against a flat density. Deviation: "
         "root mean square of density over flat density less one, and what chance gives to it."
     )
-    rows = [
-        ["with Fixman's potential" if f["fixman"] else "without", str(f["samples"]), str(f["every"]), f"{f['p']:.2g}", f"{f['rms']:.3f}", f"{f['chance']:.3f}", f"{max(0.0, f['rms'] ** 2 - f['chance'] ** 2) ** 0.5:.3f}"]
-        for f in found["flat"]
-    ]
+    rows = []
+    for f in found["flat"]:
+        beyond = max(0.0, f["rms"] ** 2 - f["chance"] ** 2) ** 0.5
+        label = "with Fixman's potential" if f["fixman"] else "without"
+        rows.append([label, str(f["samples"]), str(f["every"]), f"{f['p']:.2g}", *(f"{x:.3f}" for x in (f["rms"], f["chance"], beyond))])
     p.table(["", "samples", "k", "p", "deviation", "by chance", "beyond it"], rows)
     p.text(
-        f"With all forces in vacuum, at {found['kelvin']:g} K (at 300 K the flexible molecule hardly crosses to φ > 0): OpenMM's Langevin dynamics of all atoms, with the constants of bonds, angles and "
-        "impropers times 1, 10, 100 (hydrogens of 12 Da there, on which averages of flexible molecules do not depend), and hybrid Monte Carlo of torsions, whose clusters have the geometry of "
-        "springs at rest (the minimum of bonds, angles and impropers alone) or of the energy's minimum. A sample each picosecond; those with an amide at cis, which turns there now and then, are left out. Hellinger's distances of 24 × 24 bins; in brackets without "
-        "what chance adds, by the distances of halves. The distance to all atoms is that of what is frozen: it falls with the stiffness of the springs if Fixman's potential is right."
+        f"With all forces in vacuum, at {found['kelvin']:g} K, because flexible molecules hardly cross to φ > 0 at 300 K: OpenMM's Langevin dynamics of all atoms, with the "
+        "constants of bonds, angles and impropers times 1, 10, 100 (hydrogens of 12 Da there, on which averages of flexible molecules do not depend), and hybrid Monte Carlo of "
+        "torsions, whose clusters have the geometry of springs at rest (the minimum of bonds, angles and impropers alone) or, where none is named, of the energy's minimum. A "
+        "sample each picosecond; those with an amide at cis are left out. Hellinger's distances of 24 × 24 bins; in brackets without what chance adds, by the distances of "
+        "halves. All atoms come near to torsions as the springs become stiff, if Fixman's potential is right."
     )
     targets = [label for label in found["runs"] if "all atoms" in label]
     for key, own_halves in (("distances", "halves"), ("distances_beside", "halves_beside")):
@@ -207,7 +209,8 @@ def _angles(p: html.Page, found: dict[str, Any]) -> None:
             rows.append([label, *visits, f"{r[own_halves]:.3f}", *own])
         if key == "distances_beside":
             p.text(
-                "The share of φ > 0 is known as well as there are crossings. The same of the samples that are not in 0 … 150°, where all runs begin and move from basin to basin in picoseconds:"
+                "The share of φ > 0 is known as well as there are crossings. The same of the samples that are not in 0 … 150°, where all runs begin and go from basin "
+                "to basin in picoseconds:"
             )
         visits = ["samples", "share of cis", "share of φ in 0 … 150°", "crossings"] if key == "distances" else []
         p.table(["", *visits, "own halves", *(f"to {t}" for t in targets)], rows)
@@ -234,7 +237,8 @@ def _folds(p: html.Page, found: list[dict[str, Any]]) -> None:
     p.text(
         f"Langevin dynamics at {folds.KELVIN:g} K with GBSAOBC and a friction of {folds.FRICTION:g}/ps, {found[0]['ps']:g} ps from the minimum: torsions with Fixman's potential (steps of "
         f"{own_steps}), and OpenMM's CPU platform (4 fs, hydrogens of 3 Da, bonds to them constrained). Root mean square distance of the α carbons from "
-        "the file's structure; helical residues by DSSP (mdtraj); of the second half. Angles: Hellinger's distance of the distributions of φ and ψ of all residues in that half, in brackets without what chance adds."
+        "the file's structure; helical residues by DSSP (mdtraj); of the second half. Angles: Hellinger's distance of the distributions of φ and ψ of all residues in that "
+        "half, in brackets without what chance adds."
     )
     rows = []
     for f in found:
