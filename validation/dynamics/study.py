@@ -100,7 +100,8 @@ def _steps(p: html.Page, found: list[dict[str, Any]]) -> None:
         "line. Drift: slope of a line through the means of ten blocks, per degree of freedom, ± its error; the energy that a "
         "symplectic method keeps is another one, so that energies of short runs also move without drift. Medians over the starts; a run that fails counts as the noisiest. "
         "A largest step is one that passes with all smaller ones that were tried: by noise, below that of all atoms at 1 fs; by drift, "
-        "at most 1e-3 kJ/mol/ps per degree of freedom. K: mean temperatures, least and largest of the medians at the steps that pass. Torsions are those of all bonds, ω, CH₃, NH₃ and OH included. H of 3 or 4 Da: at the cost of the atom beside."
+        "at most 1e-3 kJ/mol/ps per degree of freedom. K: mean temperatures, least and largest of the medians at the steps that pass. "
+        "Torsions are those of all bonds, ω, CH₃, NH₃ and OH included. H of 3 or 4 Da: at the cost of the atom beside."
     )
     rows = []
     for f in found:
