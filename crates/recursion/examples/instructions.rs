@@ -8,7 +8,7 @@
 mod common;
 
 use common::{Example, STATES, calls, thirds};
-use phipsi_recursion::batch::{Input, kernels, run_batch};
+use phipsi_recursion::batch::{Input, StateKernel, kernels, run_batch};
 use phipsi_recursion::{
     ForwardDynamics, ForwardDynamicsDerivatives, InverseDynamics, InverseDynamicsDerivatives, MassMatrix,
     MassMatrixInverse, SquareRootForwardDynamics,
@@ -16,7 +16,7 @@ use phipsi_recursion::{
 use phipsi_spatial::lanes::Level;
 use std::process::ExitCode;
 
-const KERNELS: [&str; 8] = [
+const KERNELS: [&str; 9] = [
     "forward_dynamics",
     "inverse_dynamics",
     "mass_matrix",
@@ -25,6 +25,7 @@ const KERNELS: [&str; 8] = [
     "forward_dynamics_derivatives",
     "square_root_forward_dynamics",
     "forward_dynamics_batch",
+    "forward_dynamics_derivatives_batch",
 ];
 
 /// States that a call of a `…_batch` kernel takes.
@@ -58,10 +59,23 @@ fn refuse() -> ExitCode {
     ExitCode::FAILURE
 }
 
+/// A kernel on all states of an example at once, with `size` numbers of results each.
+fn batch<'a, K: StateKernel + 'a>(e: &'a Example, size: usize, kernel: K) -> Box<dyn FnMut() + 'a> {
+    let (count, nv) = (e.states.len(), e.layout.nv());
+    let (q, v, x) = (e.rows(|s| &s.q), e.rows(|s| &s.v), e.rows(|s| &s.x));
+    let mut out = vec![0.0; count * size];
+    Box::new(move || {
+        let inputs = [Input::each(&q, e.layout.nq()), Input::each(&v, nv), Input::each(&x, nv)];
+        run_batch(&kernel, Level::best(), &inputs, count, &mut out)
+            .map_err(|(_, error)| error)
+            .expect("regular states");
+        std::hint::black_box(&mut out);
+    })
+}
+
 fn run(kernel: &str, model: &str, count: usize) {
     let states = if kernel.ends_with("_batch") { BATCH } else { STATES };
     let example = Example::with_states(model, states);
-    let count_all = states as usize;
     let (e, layout, nv) = (&example, &example.layout, example.layout.nv());
     let mut call: Box<dyn FnMut() + '_> = match kernel {
         "forward_dynamics" => Box::new(calls(e, nv, ForwardDynamics::new(layout), |work, e, s, out| {
@@ -96,17 +110,9 @@ fn run(kernel: &str, model: &str, count: usize) {
             let work = SquareRootForwardDynamics::new(&e.model, layout);
             Box::new(calls(e, nv, work, |work, e, s, out| work.run(&e.layout, &s.q, &s.v, &s.x, None, out)))
         }
-        "forward_dynamics_batch" => {
-            let (q, v, x) = (e.rows(|s| &s.q), e.rows(|s| &s.v), e.rows(|s| &s.x));
-            let mut out = vec![0.0; count_all * nv];
-            Box::new(move || {
-                let inputs = [Input::each(&q, layout.nq()), Input::each(&v, nv), Input::each(&x, nv)];
-                let kernel = kernels::ForwardDynamics { layout, loaded: &[] };
-                run_batch(&kernel, Level::best(), &inputs, count_all, &mut out)
-                    .map_err(|(_, error)| error)
-                    .expect("regular states");
-                std::hint::black_box(&mut out);
-            })
+        "forward_dynamics_batch" => batch(e, nv, kernels::ForwardDynamics { layout, loaded: &[] }),
+        "forward_dynamics_derivatives_batch" => {
+            batch(e, 3 * nv * nv, kernels::ForwardDynamicsDerivatives { layout, loaded: &[] })
         }
         _ => unreachable!("the caller knows the names"),
     };

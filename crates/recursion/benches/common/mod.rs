@@ -6,8 +6,9 @@ use phipsi_recursion::{DynamicsError, Layout};
 use phipsi_spatial::lanes::Level;
 use std::hint::black_box;
 
-/// The models of benches on one state: an arm, a quadruped on a free base (18 degrees of freedom), a chain, a binary tree.
-pub const MODELS: [&str; 4] = ["arm_7", "quadruped_18", "chain_64", "tree_63"];
+/// The models of benches on one state: an arm, the same with a hand of two sliding fingers, a quadruped on a free base (18 degrees of
+/// freedom), a chain, a binary tree.
+pub const MODELS: [&str; 5] = ["arm_7", "hand_9", "quadruped_18", "chain_64", "tree_63"];
 
 /// States that calls take in turn, once around in every sample: what a processor predicts on one helps little on the next.
 pub const STATES: u32 = 16;
@@ -27,7 +28,7 @@ pub struct State {
 }
 
 impl Example {
-    /// `arm_N`, `chain_N`, `tree_N` (binary; N bodies), `quadruped_18`.
+    /// `arm_N`, `hand_N` (an arm whose last two bodies slide), `chain_N`, `tree_N` (binary; N bodies), `quadruped_18`.
     pub fn named(name: &str) -> Self {
         Self::with_states(name, STATES)
     }
@@ -54,6 +55,10 @@ fn model(name: &str) -> Model {
     match kind {
         // Right angles between the axes, as in arms of the factory.
         "arm" => tree(name, count, Base::Fixed, |k| k.checked_sub(1), |k| [0.0, 1.57, -1.57, 1.57][k % 4]),
+        "hand" => {
+            let parent = |k: usize| k.checked_sub(1).map(|p| p.min(count - 3));
+            tree(name, count, Base::Fixed, parent, |k| [0.0, 1.57, -1.57, 1.57][k % 4])
+        }
         "chain" => tree(name, count, Base::Fixed, |k| k.checked_sub(1), |k| 0.3 + 0.1 * (k % 5) as f64),
         "tree" => {
             tree(name, count, Base::Fixed, |k| (k > 0).then(|| (k - 1) / 2), |k| 0.3 + 0.1 * (k % 5) as f64)
@@ -93,8 +98,13 @@ fn tree(
             None => "world".to_owned(),
         };
         let placement = Placement::from_xyz_rpy([0.05, 0.0, 0.3], [turn(k), 0.0, 0.0]);
-        let hinge = Joint::new(format!("j{k}"), JointKind::Revolute { axis: [0.0, 0.0, 1.0] });
-        builder = builder.joint(hinge.at(placement), on, body);
+        let axis = [0.0, 0.0, 1.0];
+        let kind = match k {
+            _ if name.starts_with("hand") && k + 2 >= count => JointKind::Prismatic { axis },
+            _ => JointKind::Revolute { axis },
+        };
+        let joint = Joint::new(format!("j{k}"), kind);
+        builder = builder.joint(joint.at(placement), on, body);
     }
     builder.build().expect("a valid model")
 }
