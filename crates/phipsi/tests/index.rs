@@ -36,8 +36,19 @@ const CLOSURE: [&str; 7] = [
 ];
 
 /// Files of `closure` that hold parts of those, or none.
-const CLOSURE_SUPPORT: [&str; 10] =
-    ["error", "factors", "frames", "lib", "number", "reflections", "rows", "solution", "structure", "tree"];
+const CLOSURE_SUPPORT: [&str; 11] = [
+    "compiled",
+    "error",
+    "factors",
+    "frames",
+    "lib",
+    "number",
+    "reflections",
+    "rows",
+    "solution",
+    "structure",
+    "tree",
+];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
