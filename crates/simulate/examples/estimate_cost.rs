@@ -1,9 +1,7 @@
 //! What the error estimate costs: evaluations and time of runs without it, with it on one thread, and with it on a second one.
 //!
 //! `cargo run --release -p phipsi-simulate --example estimate_cost` prints a table of `docs/src/errors.md`. The three kinds of runs take turns.
-//! Processor time is that of one thread, a mean, where the system tells it (Linux), so that other work on the machine matters little. Wall
-//! times are the shortest of all rounds, for the same reason; the second thread needs a free core: the last column says
-//! how busy the machine was. What a companion takes longer than the run is what no second core takes away.
+//! Times are the shortest of all rounds; the second thread needs a free core: the last column says how busy the machine was.
 
 use phipsi_simulate::scene::load;
 use phipsi_simulate::{Recording, Summary, run};
@@ -22,18 +20,11 @@ const SCENES: [&str; 7] = [
     "satellite_arm.toml",
 ];
 
-/// Runs without an estimate go on for so long, s: the system counts in ticks of some milliseconds.
-const LONG: f64 = 0.2;
+/// Time for the runs without an estimate of one scene and tolerance, s.
+const LONG: f64 = 0.5;
 
-/// Time that this thread has been on a processor, s; where the system does not tell, wall time.
-fn clock(begun: Instant) -> f64 {
-    let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
-    let nanoseconds = told.and_then(|text| text.split_whitespace().next()?.parse::<f64>().ok());
-    nanoseconds.map_or(begun.elapsed().as_secs_f64(), |ns| 1e-9 * ns)
-}
-
-/// A run with its processor time and its wall time, s; on two threads the first is that of the run alone.
-fn timed(name: &str, tolerance: f64, estimate: bool, threads: usize) -> Result<(Summary, [f64; 2]), Failure> {
+/// A run with its wall time, s.
+fn timed(name: &str, tolerance: f64, estimate: bool, threads: usize) -> Result<(Summary, f64), Failure> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples").join(name);
     let overrides = [
         "integrator.method=dop853".to_string(),
@@ -44,9 +35,8 @@ fn timed(name: &str, tolerance: f64, estimate: bool, threads: usize) -> Result<(
     let mut simulation = load(&path, &overrides)?.simulation;
     simulation.threads = Some(threads);
     let begun = Instant::now();
-    let start = clock(begun);
     let summary = run(&mut simulation, &mut Recording::default())?;
-    Ok((summary, [clock(begun) - start, begun.elapsed().as_secs_f64()]))
+    Ok((summary, begun.elapsed().as_secs_f64()))
 }
 
 fn more(ratio: f64) -> String {
@@ -61,19 +51,18 @@ fn busy() -> String {
 
 fn main() -> Result<(), Failure> {
     println!(
-        "| scene | tolerance | how | evaluations of the run | more for the estimate | processor time, ms | more on one thread \
-         | wall time, ms | more on one thread | its part beyond the run | more on two threads | load |"
+        "| scene | tolerance | how | evaluations of the run | more for the estimate | wall time, ms | more on one thread \
+         | more on two threads | load |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|");
     for name in SCENES {
         for tolerance in [1e-6, 1e-8, 1e-9, 1e-11] {
-            let (mut spent, mut wall, mut rounds) = ([0.0; 3], [f64::INFINITY; 3], 0u32);
+            let (mut spent, mut wall) = (0.0, [f64::INFINITY; 3]);
             let mut last = None;
-            while spent[0] < LONG {
-                rounds += 1;
+            while spent < LONG {
                 for (i, (estimate, threads)) in [(false, 1), (true, 1), (true, 2)].into_iter().enumerate() {
-                    let (summary, [processor, elapsed]) = timed(name, tolerance, estimate, threads)?;
-                    spent[i] += processor;
+                    let (summary, elapsed) = timed(name, tolerance, estimate, threads)?;
+                    spent += if estimate { 0.0 } else { elapsed };
                     wall[i] = elapsed.min(wall[i]);
                     last = Some(summary);
                 }
@@ -82,15 +71,12 @@ fn main() -> Result<(), Failure> {
             let estimate = summary.error_estimate.ok_or("no estimate")?;
             let stem = name.trim_start_matches("benchmarks/").trim_end_matches(".toml");
             println!(
-                "| {stem} | {tolerance:e} | {} | {} | {:.0} % | {:.2} | {:.0} % | {:.2} | {} | {} | {} | {} |",
+                "| {stem} | {tolerance:e} | {} | {} | {:.0} % | {:.2} | {} | {} | {} |",
                 estimate.how,
                 summary.evaluations,
                 100.0 * estimate.evaluations as f64 / summary.evaluations as f64,
-                1e3 * spent[0] / f64::from(rounds),
-                100.0 * (spent[1] / spent[0] - 1.0),
                 1e3 * wall[0],
                 more(wall[1] / wall[0]),
-                more((wall[1] / wall[0] - 1.0).max(1.0)),
                 if summary.estimated_beside { more(wall[2] / wall[0]) } else { "one processor".into() },
                 busy(),
             );
