@@ -14,7 +14,7 @@ use crate::inverse_dynamics_derivatives::{
     DIAGONAL, DRIFT, FORCE, POSITION_RATE, PSI, ROWS, VELOCITY_RATE, begin_columns,
 };
 use crate::layout::{GROUND, Layout};
-use crate::places::{Aligned, Places, Table, View, each_place, vector};
+use crate::places::{Aligned, Pair, Places, Table, View, each_place, vector};
 use core::marker::PhantomData;
 use phipsi_spatial::wide::{WIDEST, Wide};
 use phipsi_spatial::{Kernel, Scalar, Vec3, Wrench};
@@ -33,24 +33,22 @@ pub(crate) struct Column<W> {
 #[derive(Clone, Debug)]
 pub(crate) struct Meetings<T> {
     /// ∂T/∂q and ∂T/∂v.
-    pub(crate) d_dq: Aligned<T>,
-    pub(crate) d_dv: Aligned<T>,
+    pub(crate) rates: Pair<T>,
     /// M, above the diagonal.
     pub(crate) d_da: Aligned<T>,
-    /// Below the diagonal, turned over: row p has what the rows of the columns outboard see of joint p. Empty where columns are
-    /// one number wide.
-    turned: [Aligned<T>; 2],
+    /// Below the diagonal, turned over: row p has what the rows of the columns outboard see of joint p, of ∂T/∂q, then of ∂T/∂v.
+    /// Empty where columns are one number wide.
+    turned: Aligned<T>,
     passages: Passages,
 }
 
 impl<T: Scalar> Meetings<T> {
     pub(crate) fn new(layout: &Layout<T::Constant>, places: &Places) -> Self {
-        let turned = || if T::COLUMNS > 1 { places.zeros() } else { Aligned::new(0) };
+        let turned = if T::COLUMNS > 1 { 2 * places.stride * places.count } else { 0 };
         Meetings {
-            d_dq: places.zeros(),
-            d_dv: places.zeros(),
+            rates: Pair::new(places),
             d_da: places.zeros(),
-            turned: [turned(), turned()],
+            turned: Aligned::new(turned),
             passages: Passages::new::<T>(layout, places),
         }
     }
@@ -85,7 +83,7 @@ impl<T: Scalar, W: Wide<T>, const TURNING: bool> Kernel for Meet<'_, T, W, TURNI
         let mut at = Places::group(places.margin, W::COUNT);
         while at < places.count {
             let mut group = view.at(at);
-            let column: Column<W> = if meetings.passages.is_linear(places, at, W::COUNT) {
+            let column: Column<W> = if meetings.passages.is_linear(at, W::COUNT) {
                 begin_columns::<T, W, TURNING, true>(&mut group)
             } else {
                 begin_columns::<T, W, TURNING, false>(&mut group)
@@ -97,7 +95,7 @@ impl<T: Scalar, W: Wide<T>, const TURNING: bool> Kernel for Meet<'_, T, W, TURNI
         meetings.turn_back::<W>(places);
         for place in places.margin..places.count {
             // The axis does not turn its own force: exactly so, where the columns have the difference of what rounds.
-            meetings.d_dq[place * places.stride + place] = view.at(place).get(DIAGONAL);
+            meetings.rates.view().set_first(place, place, view.at(place).get(DIAGONAL));
         }
     }
 }
@@ -113,10 +111,9 @@ impl<T: Scalar> Meetings<T> {
         mut inertia: Wrench<W>,
         mut gyroscopic: Vec3<W>,
     ) {
-        let Meetings { d_dq, d_dv, d_da, turned: [turned_dq, turned_dv], passages } = self;
-        let [d_dq, d_dv, d_da, turned_dq, turned_dv]: [&mut [T]; 5] =
-            [d_dq, d_dv, d_da, turned_dq, turned_dv];
-        let s = places.stride;
+        let Meetings { rates, d_da, turned, passages } = self;
+        let ([d_da, turned], mut rates, s): ([&mut [T]; 2], _, usize) =
+            ([d_da, turned], rates.view(), places.stride);
         for joint in passages.inward(places, at, W::COUNT) {
             each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
                 for place in joint.first..joint.inner.min(at + W::COUNT) {
@@ -140,11 +137,11 @@ impl<T: Scalar> Meetings<T> {
                         velocity = dot_add(rate.linear, inertia.force, velocity);
                     }
                     if W::COUNT == 1 {
-                        position.store(&mut d_dq[at * s + place..]);
-                        velocity.store(&mut d_dv[at * s + place..]);
+                        rates.set(at, place, [position, velocity]);
                     } else {
-                        columns.outboard::<ALL, _, _>(position).store(&mut turned_dq[row..]);
-                        columns.outboard::<ALL, _, _>(velocity).store(&mut turned_dv[row..]);
+                        let turned = &mut turned[row + place * s..][..s + W::COUNT];
+                        columns.outboard::<ALL, _, _>(position).store(turned);
+                        columns.outboard::<ALL, _, _>(velocity).store(&mut turned[s..]);
                     }
                 }
                 if joint.parent != GROUND {
@@ -167,8 +164,8 @@ impl<T: Scalar> Meetings<T> {
         mut position: Wrench<W>,
         mut velocity: Wrench<W>,
     ) {
-        let Meetings { d_dq, d_dv, passages, .. } = self;
-        let ([d_dq, d_dv], s): ([&mut [T]; 2], usize) = ([d_dq, d_dv], places.stride);
+        let Meetings { rates, passages, .. } = self;
+        let mut rates = rates.view();
         for joint in passages.inward(places, at, W::COUNT) {
             each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
                 for place in joint.first..joint.inner {
@@ -183,10 +180,9 @@ impl<T: Scalar> Meetings<T> {
                         x -= along(&axis, joint.linear, &axes.cross_wrench(f))
                             .between(columns.from, columns.own);
                     }
-                    let row = place * s + at;
-                    columns.outboard::<ALL, _, _>(x).store(&mut d_dq[row..]);
-                    let x = along(&axis, joint.linear, &velocity);
-                    columns.outboard::<ALL, _, _>(x).store(&mut d_dv[row..]);
+                    let y = along(&axis, joint.linear, &velocity);
+                    let both = [columns.outboard::<ALL, _, _>(x), columns.outboard::<ALL, _, _>(y)];
+                    rates.put(place, at, both);
                 }
                 if joint.parent != GROUND {
                     let here = view.lane(Table::<T, ROWS>::start(joint.first));
@@ -203,13 +199,18 @@ impl<T: Scalar> Meetings<T> {
         if W::COUNT == 1 {
             return;
         }
-        let Meetings { d_dq, d_dv, turned: [turned_dq, turned_dv], passages, .. } = self;
+        let Meetings { rates, turned, passages, .. } = self;
+        let (turned, mut rates): (&[T], _) = (turned, rates.view());
         let mut left = Places::group(places.margin, W::COUNT);
         while left < places.count {
             let (mut top, end) = (left, places.outboard_end(left, W::COUNT));
             while top < end {
-                turn_tile::<T, W>(places, passages, turned_dq, d_dq, left, top);
-                turn_tile::<T, W>(places, passages, turned_dv, d_dv, left, top);
+                // Of every row what lies inboard of its joint.
+                let ends = passages.first(top..top + W::COUNT);
+                let rows = &turned[2 * left * places.stride + top..];
+                rates.put_tile::<W, false>((top, left), turned_over::<T, W>(rows, places.stride), ends);
+                let rows = &rows[places.stride..];
+                rates.put_tile::<W, true>((top, left), turned_over::<T, W>(rows, places.stride), ends);
                 top += W::COUNT;
             }
             left += W::COUNT;
@@ -217,28 +218,12 @@ impl<T: Scalar> Meetings<T> {
     }
 }
 
-/// Rows from place `left` on, columns from `top` on, turned over: of every row what lies inboard of its joint.
+/// Every other one of some rows, of `s` numbers each, turned over.
 #[inline(always)]
-fn turn_tile<T: Scalar, W: Wide<T>>(
-    places: &Places,
-    passages: &Passages,
-    turned: &[T],
-    out: &mut [T],
-    left: usize,
-    top: usize,
-) {
-    let (s, width) = (places.stride, W::COUNT);
+fn turned_over<T: Scalar, W: Wide<T>>(rows: &[T], s: usize) -> [W; WIDEST] {
+    let rows = &rows[..2 * (W::COUNT - 1) * s + W::COUNT];
     let mut tile = [W::zero(); WIDEST];
-    let turned = &turned[left * s + top..][..(width - 1) * s + width];
-    each_place!(W, I => tile[I] = W::load(&turned[I * s..]));
+    each_place!(W, I => tile[I] = W::load(&rows[2 * I * s..]));
     W::transpose(&mut tile);
-    let out = &mut out[top * s + left..][..(width - 1) * s + width];
-    if passages.of(top).first >= left + width {
-        each_place!(W, I => tile[I].store(&mut out[I * s..]));
-        return;
-    }
-    each_place!(W, I => {
-        let inboard = passages.of(top + I).first.saturating_sub(left).min(width);
-        tile[I].store_first(&mut out[I * s..][..inboard]);
-    });
+    tile
 }

@@ -48,9 +48,9 @@ type Six<T> = <<T as Scalar>::Arithmetic as Scalar>::Six;
 /// Workspace of forward dynamics.
 #[derive(Clone, Debug)]
 pub struct ForwardDynamics<T: Scalar> {
-    pub(crate) shifts: Shifts<T::Arithmetic>,
+    shifts: Shifts<T::Arithmetic>,
     moving: Vec<Moving<T::Arithmetic>>,
-    pub(crate) pivots: Vec<Pivot<T::Arithmetic>>,
+    pivots: Vec<Pivot<T::Arithmetic>>,
     given: Given<Moved<T::Arithmetic>>,
     packed: Given<Packed<Six<T>>>,
     /// α of bodies with several children.
@@ -103,18 +103,6 @@ impl<T: Scalar> ForwardDynamics<T> {
         wrenches: Option<&[Wrench<T>]>,
         out: &mut [T],
     ) -> Result<(), DynamicsError> {
-        self.accelerate::<true>(layout, q, v, tau, wrenches, out)
-    }
-    /// [`run`](Self::run) with `TURNING`; without, `out` gets θ̈ + c.
-    pub(crate) fn accelerate<const TURNING: bool>(
-        &mut self,
-        layout: &Layout<T::Constant>,
-        q: &[T],
-        v: &[T],
-        tau: &[T],
-        wrenches: Option<&[Wrench<T>]>,
-        out: &mut [T],
-    ) -> Result<(), DynamicsError> {
         layout.check_closures()?;
         check_length("q", q, layout.nq())?;
         check_length("v", v, layout.nv())?;
@@ -126,7 +114,7 @@ impl<T: Scalar> ForwardDynamics<T> {
         }
         if layout.is_flexible() {
             out.copy_from_slice(tau);
-            return flexible::Forward::run(&mut self.flexible, layout, (q, v), wrenches, TURNING, out);
+            return flexible::Forward::run(&mut self.flexible, layout, (q, v), wrenches, out);
         }
         if let Some(wrenches) = wrenches {
             layout.gather_loads(wrenches, &mut self.loads);
@@ -135,20 +123,12 @@ impl<T: Scalar> ForwardDynamics<T> {
         let (q, v, out) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic_mut(out));
         let loaded = wrenches.is_some();
         let Some(branch) = layout.branches::<T>() else {
-            return T::Arithmetic::dispatch(Whole {
-                work: self,
-                layout,
-                q,
-                v,
-                loaded,
-                turning: TURNING,
-                out,
-            });
+            return T::Arithmetic::dispatch(Whole { work: self, layout, q, v, loaded, out });
         };
         self.given.check(branch)?;
         self.given.clear();
         self.packed.clear();
-        let mut run = self.all_bodies(layout, q, v, loaded, TURNING, out);
+        let mut run = self.all_bodies(layout, q, v, loaded, out);
         recur(Filter(run.again()), branch)?;
         recur(Smoother(run), branch)
     }
@@ -160,7 +140,6 @@ impl<T: Scalar> ForwardDynamics<T> {
         q: &'a [T::Arithmetic],
         v: &'a [T::Arithmetic],
         loaded: bool,
-        turning: bool,
         out: &'a mut [T::Arithmetic],
     ) -> Run<'a, T> {
         let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity));
@@ -171,7 +150,7 @@ impl<T: Scalar> ForwardDynamics<T> {
         self.given.pending.clear();
         self.packed.pending.clear();
         Run {
-            call: Call { layout, q, v, loads, ground, packed, turning },
+            call: Call { layout, q, v, loads, ground, packed },
             first: 0,
             first_v: 0,
             outside: (Vec3::zero(), ground),
@@ -193,11 +172,10 @@ kernel! {
         q: &'a [T::Arithmetic],
         v: &'a [T::Arithmetic],
         loaded: bool,
-        turning: bool,
         out: &'a mut [T::Arithmetic],
     } -> Result<(), DynamicsError> {
         // A run that is made here stays in registers, where its firsts are zero.
-        let mut run = work.all_bodies(layout, q, v, loaded, turning, out);
+        let mut run = work.all_bodies(layout, q, v, loaded, out);
         let numbers = 0..layout.bodies.len();
         run.sweep_velocities::<true>(numbers.clone());
         run.filter::<true>(numbers.clone())?;
@@ -364,10 +342,10 @@ impl<T: Scalar> Run<'_, T> {
         Ok(())
     }
 
-    /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after, or θ̈ + c without `turning`.
+    /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after.
     #[inline(always)]
     fn sweep_outboard<const WHOLE: bool>(&mut self, numbers: Range<usize>) {
-        let Call { layout, v, turning, .. } = self.call;
+        let Call { layout, v, .. } = self.call;
         let (first, first_v) = (self.first::<WHOLE>(), self.first_v::<WHOLE>());
         let (end, given) = (numbers.end, self.outside.1);
         let bodies = &layout.bodies[first..first + end];
@@ -393,9 +371,7 @@ impl<T: Scalar> Run<'_, T> {
                     let dofs = at..at + known.hinge.nv();
                     let mut alpha = self.shifts.at(i, known).motion_to_child(inboard);
                     smooth(&known.hinge, &pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
-                    if turning {
-                        known.hinge.subtract_turning(&v[known.v..], &mut residuals[dofs]);
-                    }
+                    known.hinge.subtract_turning(&v[known.v..], &mut residuals[dofs]);
                     alpha
                 });
             }

@@ -5,6 +5,7 @@
 //! | θ̈ | accelerations of (q, v, T) | paper 1 (9.14) |
 //! | ∂θ̈/∂q, ∂θ̈/∂v | −M⁻¹ ∂T/∂q, −M⁻¹ ∂T/∂v, derivatives of inverse dynamics at θ̈ | |
 //! | M⁻¹ | L* D⁻¹ L with L = I − HψK: [`crate::innovations`] | soa.md 3.1 |
+//! | P, K, D | filter and smoother in the axes of the ground, which the derivatives have anyway: `filter.rs` | |
 //! | c | turning of the axes of planar and free joints: T is a function of θ̈ + c, so ∂c/∂v is subtracted at the end and the speed of a free body stays out of its moments | |
 
 use crate::error::{DynamicsError, check_length};
@@ -12,18 +13,25 @@ use crate::flexible::{Map, derivatives};
 use crate::forward_dynamics::ForwardDynamics;
 use crate::hinge::Hinge;
 use crate::innovations::Innovations;
-use crate::inverse_dynamics_derivatives::DerivativeSweeps;
-use crate::layout::Layout;
+use crate::inverse_dynamics_derivatives::{DerivativeSweeps, accelerate_outboard};
+use crate::layout::{Layout, Shifts};
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{Scalar, Vec3, Wrench};
+
+mod filter;
+
+use filter::{Filter, smooth};
 
 /// Workspace of the derivatives of forward dynamics.
 #[derive(Clone, Debug)]
 pub struct ForwardDynamicsDerivatives<T: Scalar> {
-    forward: ForwardDynamics<T>,
+    shifts: Shifts<T::Arithmetic>,
     sweeps: DerivativeSweeps<T::Arithmetic>,
+    filter: Filter<T::Arithmetic>,
     innovations: Innovations<T::Arithmetic>,
     acceleration: Vec<T>,
+    /// For a layout with flexible bodies.
+    flexible: Option<Box<ForwardDynamics<T>>>,
 }
 
 impl<T: Scalar> ForwardDynamicsDerivatives<T> {
@@ -31,10 +39,12 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
     pub fn new(layout: &Layout<T::Constant>) -> Self {
         let sweeps = DerivativeSweeps::new(layout);
         ForwardDynamicsDerivatives {
-            forward: ForwardDynamics::new(layout),
+            shifts: Shifts::new(layout),
+            filter: Filter::new(layout),
             innovations: Innovations::with_products(layout, &sweeps.places),
             sweeps,
             acceleration: vec![T::zero(); layout.nv()],
+            flexible: layout.is_flexible().then(|| Box::new(ForwardDynamics::new(layout))),
         }
     }
     /// Derivatives of the accelerations of generalised forces `tau` at (q, v) under wrenches that are constant in their bodies'
@@ -55,10 +65,11 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
     ///
     /// # Accuracy
     /// n·ε·|M⁻¹| times the κ of the forces' derivatives, and ε × mass ratio where a heavy body hangs on a light one, as in
-    /// [`ForwardDynamics::run`].
+    /// [`ForwardDynamics::run`]. Accelerations and M⁻¹ come from a recursion in the axes of the ground, in which a D is known to
+    /// ε times the inertia that it is a part of, also at a tip.
     ///
     /// # Errors
-    /// [`DynamicsError::Shape`], [`DynamicsError::Closure`]; [`DynamicsError::SingularHinge`] if a D is not positive.
+    /// [`DynamicsError::Shape`], [`DynamicsError::Closure`]; [`DynamicsError::SingularHinge`] if a D is not larger than such rounding.
     #[allow(clippy::too_many_arguments)] // three arguments, three derivatives
     pub fn run(
         &mut self,
@@ -71,20 +82,31 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
         d_dv: &mut [T],
         d_dtau: &mut [T],
     ) -> Result<(), DynamicsError> {
+        layout.check_closures()?;
         let nv = layout.nv();
+        check_length("q", q, layout.nq())?;
+        check_length("v", v, nv)?;
+        check_length("tau", tau, nv)?;
         check_length("d_dq", d_dq, nv * nv)?;
         check_length("d_dv", d_dv, nv * nv)?;
         check_length("d_dtau", d_dtau, nv * nv)?;
         check_length("workspace", &self.acceleration, nv)?;
         if layout.is_flexible() {
-            self.forward.run(layout, q, v, tau, wrenches, &mut self.acceleration)?;
+            let acceleration = &mut self.acceleration;
+            let mut once = || Box::new(ForwardDynamics::new(layout));
+            self.flexible.get_or_insert_with(&mut once).run(layout, q, v, tau, wrenches, acceleration)?;
             return derivatives(Map::Forward, layout, (q, v, tau), wrenches, (d_dq, d_dv, d_dtau));
         }
-        self.forward.accelerate::<false>(layout, q, v, tau, wrenches, &mut self.acceleration)?;
+        check_length("workspace", &self.sweeps.places.first, layout.len())?;
+        if let Some(wrenches) = wrenches {
+            check_length("wrenches", wrenches, layout.model_bodies())?;
+        }
         self.sweeps.load(layout, wrenches);
-        let (v, d_dtau) = (T::arithmetic(v), T::arithmetic_mut(d_dtau));
+        self.acceleration.copy_from_slice(tau);
+        let (q, v, d_dtau) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic_mut(d_dtau));
         let (d_dq, d_dv) = (T::arithmetic_mut(d_dq), T::arithmetic_mut(d_dv));
-        T::Arithmetic::dispatch_wide(Derive { work: self, layout, v });
+        T::Arithmetic::dispatch_wide(Accelerate { work: self, layout, q, v })?;
+        T::Arithmetic::dispatch_wide(Derive { work: self, layout });
         // Kernels of their own: smaller functions keep their sums in registers.
         if self.innovations.has_sweeps() {
             let out = [&mut *d_dq, &mut *d_dv];
@@ -99,24 +121,44 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
     }
 }
 
+struct Accelerate<'a, T: Scalar> {
+    work: &'a mut ForwardDynamicsDerivatives<T>,
+    layout: &'a Layout<T::Constant>,
+    q: &'a [T::Arithmetic],
+    v: &'a [T::Arithmetic],
+}
+
+impl<T: Scalar> WideKernel<T::Arithmetic> for Accelerate<'_, T> {
+    type Output = Result<(), DynamicsError>;
+    #[inline(always)]
+    fn run<W: Wide<T::Arithmetic>>(self) -> Result<(), DynamicsError> {
+        let Accelerate { work, layout, q, v } = self;
+        let ForwardDynamicsDerivatives { shifts, sweeps, filter, innovations, acceleration, .. } = work;
+        shifts.set_all(layout, q);
+        sweeps.move_bodies::<W>(layout, shifts, v);
+        let (places, mut view, mut gains) = (&sweeps.places, sweeps.table.view(), innovations.gains());
+        let residuals = T::arithmetic_mut(acceleration);
+        filter.inward(layout, places, &mut view, &mut gains, residuals)?;
+        accelerate_outboard(layout, places, &mut view, |view, body, place, alpha| {
+            smooth(body, place, view, &mut gains, residuals, alpha);
+        });
+        Ok(())
+    }
+}
+
 struct Derive<'a, T: Scalar> {
     work: &'a mut ForwardDynamicsDerivatives<T>,
     layout: &'a Layout<T::Constant>,
-    v: &'a [T::Arithmetic],
 }
 
 impl<T: Scalar> WideKernel<T::Arithmetic> for Derive<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run<W: Wide<T::Arithmetic>>(self) {
-        let Derive {
-            work: ForwardDynamicsDerivatives { forward, sweeps, innovations, acceleration },
-            layout,
-            v,
-        } = self;
-        sweeps.run::<false, W>(layout, &forward.shifts, v, T::arithmetic(acceleration));
+        let ForwardDynamicsDerivatives { sweeps, innovations, .. } = self.work;
+        sweeps.run::<false, W>(self.layout);
         let DerivativeSweeps { places, table, .. } = sweeps;
-        innovations.update::<W, _>(layout, places, &forward.pivots, &mut table.view());
+        innovations.update::<W, _>(places, &mut table.view());
     }
 }
 
@@ -133,8 +175,8 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
     fn run<W: Wide<T::Arithmetic>>(self) {
         let ForwardDynamicsDerivatives { sweeps, innovations, .. } = self.work;
         let DerivativeSweeps { places, meetings, table, .. } = sweeps;
-        let forces = [&meetings.d_dq[..], &meetings.d_dv[..]];
-        innovations.negative_sweeps::<W, _>(self.layout, places, &mut table.view(), forces, self.out);
+        let mut bodies = table.view();
+        innovations.negative_sweeps::<W, _>(self.layout, places, &mut bodies, &meetings.rates, self.out);
     }
 }
 
@@ -154,8 +196,7 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Solve<'_, T> {
         let DerivativeSweeps { places, meetings, .. } = &work.sweeps;
         work.innovations.inverse_mass_matrix::<W>(places, d_dtau);
         if !work.innovations.has_sweeps() {
-            let out = [d_dq, &mut *d_dv];
-            work.innovations.negative_solve::<W>(places, [&meetings.d_dq, &meetings.d_dv], out);
+            work.innovations.negative_solve::<W>(places, &meetings.rates, [d_dq, &mut *d_dv]);
         }
         subtract_turning_rates(layout, v, d_dv);
         let acceleration = T::arithmetic_mut(&mut work.acceleration);

@@ -12,6 +12,7 @@
 use crate::hinge::Hinge;
 use crate::layout::{GROUND, Layout, LayoutBody, Shifts};
 use crate::places::{Group, Places, Table, View, inside, vector};
+use core::ops::Range;
 use phipsi_spatial::wide::Wide;
 use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Sym3, Vec3, Wrench};
 
@@ -142,6 +143,26 @@ macro_rules! each_own_inertia {
     };
 }
 pub(crate) use each_own_inertia;
+
+/// Does a step for all bodies, side by side where there are registers for it.
+macro_rules! each_body {
+    ($t:ty, $w:ty, $places:expr, $view:expr, |$group:ident| $step:expr) => {
+        if <$w as Wide<$t>>::COUNT == 1 {
+            for &at in &$places.first {
+                let mut $group = $view.at(at);
+                $step;
+            }
+        } else {
+            let mut at = Places::group($places.margin, <$w as Wide<$t>>::COUNT);
+            while at < $places.count {
+                let mut $group = $view.at(at);
+                $step;
+                at += <$w as Wide<$t>>::COUNT;
+            }
+        }
+    };
+}
+pub(crate) use each_body;
 
 /// An inertia in the axes of the ground.
 #[inline(always)]
@@ -304,6 +325,10 @@ pub(crate) struct Passages {
     joints: Vec<Passage>,
     /// The joint of every place; of the empty ones the first.
     of: Vec<usize>,
+    /// The first place of that joint.
+    first: Vec<usize>,
+    /// Places before every place, and before the end, whose axes may have linear parts.
+    linear_before: Vec<usize>,
 }
 
 impl Passages {
@@ -323,22 +348,28 @@ impl Passages {
                 free: matches!(body.hinge, Hinge::Free),
             });
         }
-        Passages { joints, of }
+        let first = of.iter().map(|&k| joints.get(k).map_or(0, |joint| joint.first)).collect();
+        let before = linear.iter().scan(0, |sum, &linear| {
+            *sum += usize::from(linear);
+            Some(*sum)
+        });
+        let linear_before = core::iter::once(0).chain(before).collect();
+        Passages { joints, of, first, linear_before }
     }
-    /// The joint of a place.
+    /// The first places of the joints of some places.
     #[inline(always)]
-    pub(crate) fn of(&self, place: usize) -> &Passage {
-        &self.joints[self.of[place]]
+    pub(crate) fn first(&self, places: Range<usize>) -> &[usize] {
+        &self.first[places]
     }
     /// True if the axis of a place may have a linear part.
     #[inline(always)]
     pub(crate) fn linear(&self, place: usize) -> bool {
-        self.of(place).linear
+        self.is_linear(place, 1)
     }
     /// True if an axis at one of `count` places from `at` on may have a linear part.
     #[inline(always)]
-    pub(crate) fn is_linear(&self, places: &Places, at: usize, count: usize) -> bool {
-        self.of[at.max(places.margin)..at + count].iter().any(|&k| self.joints[k].linear)
+    pub(crate) fn is_linear(&self, at: usize, count: usize) -> bool {
+        self.linear_before[at + count] > self.linear_before[at]
     }
     /// The joints of `count` places from `at` on, the last one first, then those inboard of the first place, which are all that are
     /// inboard of any.
@@ -416,9 +447,7 @@ pub(crate) fn spread<T: Scalar, W: Wide<T>, const N: usize>(
             let (from, to) = (first.saturating_sub(at), (end - at).min(W::COUNT));
             for r in rows.clone() {
                 let x = W::broadcast(view.at(first).get(r));
-                let mut group = view.at(at);
-                let beside: W = group.get(r);
-                group.set(r, beside.up_to(from, x.up_to(to, beside)));
+                view.at(at).set_between(r, from, to, x);
             }
             at += W::COUNT;
         }

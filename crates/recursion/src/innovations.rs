@@ -46,12 +46,12 @@ pub(crate) struct Innovations<T> {
 impl<T: Scalar> Innovations<T> {
     /// A workspace for a layout.
     pub(crate) fn new(layout: &Layout<T::Constant>, places: &Places) -> Self {
-        Self::with(layout, places, Products::new(places, false), None)
+        Self::with(layout, places, Products::new(places, false, false), None)
     }
     /// For products with M⁻¹, too.
     pub(crate) fn with_products(layout: &Layout<T::Constant>, places: &Places) -> Self {
         let columns = ColumnSweeps::new(layout, places);
-        Self::with(layout, places, Products::new(places, columns.is_none()), columns)
+        Self::with(layout, places, Products::new(places, columns.is_none(), true), columns)
     }
     fn with(
         layout: &Layout<T::Constant>,
@@ -68,28 +68,21 @@ impl<T: Scalar> Innovations<T> {
             columns,
         }
     }
-    /// Takes the pivots of an articulated sweep and the bodies of the same configuration in the axes of the ground. Cost
-    /// O(n · depth), no allocation.
+    /// Gains and pivots, to be set before [`Innovations::update`].
+    #[inline(always)]
+    pub(crate) fn gains(&mut self) -> Gains<'_, T> {
+        Gains { gains: self.gains.view(), inverses: &mut self.inverse }
+    }
+    /// L of the gains, and of the bodies of the same configuration, in the axes of the ground. Cost O(n · depth), no allocation.
     #[inline(always)]
     pub(crate) fn update<W: Wide<T>, const N: usize>(
         &mut self,
-        layout: &Layout<T::Constant>,
         places: &Places,
-        pivots: &[Pivot<T>],
         bodies: &mut View<'_, T, N>,
     ) {
-        let Innovations { operator, inverse: inverses, gains, passages, .. } = self;
+        let Innovations { operator, gains, passages, .. } = self;
         let (operator, s): (&mut [T], usize) = (operator, places.stride);
         let mut gains = gains.view();
-        for (body, &first) in layout.bodies().iter().zip(&places.first) {
-            let axes = bodies.at(first).axes();
-            for i in 0..body.hinge.nv() {
-                let Pivot { gain, inverse } = pivots[body.v + i];
-                let gain = Wrench::new(combine(&axes, gain.moment), combine(&axes, gain.force));
-                gains.at(first + i).set_wrench(GAIN, gain);
-                inverses[first + i] = inverse;
-            }
-        }
         let mut at = Places::group(places.margin, W::COUNT);
         while at < places.count {
             let mut z: Wrench<W> = gains.at(at).wrench(GAIN);
@@ -136,6 +129,24 @@ impl<T: Scalar> Innovations<T> {
     }
 }
 
+/// Gains in the axes of the ground, and D⁻¹, by places.
+pub(crate) struct Gains<'a, T> {
+    gains: View<'a, T, GAINS>,
+    inverses: &'a mut [T],
+}
+
+impl<T: Scalar> Gains<'_, T> {
+    #[inline(always)]
+    pub(crate) fn set(&mut self, place: usize, gain: Wrench<T>, inverse: T) {
+        self.gains.at(place).set_wrench(GAIN, gain);
+        self.inverses[place] = inverse;
+    }
+    #[inline(always)]
+    pub(crate) fn gain(&mut self, place: usize) -> Wrench<T> {
+        self.gains.at(place).wrench(GAIN)
+    }
+}
+
 /// L, D⁻¹ and what they are calculated from.
 #[derive(Clone, Debug)]
 pub(crate) struct InnovationsSweep<T> {
@@ -150,7 +161,7 @@ impl<T: Scalar> InnovationsSweep<T> {
         let (bodies, innovations) = (ground_axes::table(&places), Innovations::new(layout, &places));
         InnovationsSweep { places, bodies, innovations }
     }
-    /// [`Innovations::update`], with the bodies from the shifts of the same configuration.
+    /// [`Innovations::update`], with the pivots of an articulated sweep and the shifts of the same configuration.
     #[inline(always)]
     pub(crate) fn update<W: Wide<T>>(
         &mut self,
@@ -160,7 +171,16 @@ impl<T: Scalar> InnovationsSweep<T> {
     ) {
         let mut bodies = self.bodies.view();
         ground_axes::turn_outboard::<T, _>(layout, shifts, &self.places, &mut bodies);
-        self.innovations.update::<W, _>(layout, &self.places, pivots, &mut bodies);
+        let mut gains = self.innovations.gains();
+        for (body, &first) in layout.bodies().iter().zip(&self.places.first) {
+            let axes = bodies.at(first).axes();
+            for i in 0..body.hinge.nv() {
+                let Pivot { gain, inverse } = pivots[body.v + i];
+                let gain = Wrench::new(combine(&axes, gain.moment), combine(&axes, gain.force));
+                gains.set(first + i, gain, inverse);
+            }
+        }
+        self.innovations.update::<W, _>(&self.places, &mut bodies);
     }
 }
 

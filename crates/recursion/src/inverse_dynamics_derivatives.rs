@@ -25,10 +25,10 @@ use crate::derivative_columns::{Column, Meet, Meetings};
 use crate::error::{DynamicsError, check_length};
 use crate::flexible::{Map, derivatives};
 use crate::ground_axes::{
-    self, AXIS, COMPOSITE, Directions, OFFSET, OwnInertias, each_own_inertia, set_body, spread,
+    self, AXIS, COMPOSITE, Directions, OFFSET, OwnInertias, each_body, each_own_inertia, set_body, spread,
 };
 use crate::hinge::{Hinge, combine};
-use crate::layout::{GROUND, Layout, Shifts};
+use crate::layout::{GROUND, Layout, LayoutBody, Shifts};
 use crate::places::{Group, Places, Table, View, mirror};
 use core::marker::PhantomData;
 use phipsi_spatial::wide::{Wide, WideKernel};
@@ -50,7 +50,7 @@ const OMEGA: usize = CARRIED_ALPHA + 6;
 /// δv.
 const SPEED: usize = OMEGA + 3;
 /// α.
-const ALPHA: usize = SPEED + 3;
+pub(crate) const ALPHA: usize = SPEED + 3;
 /// −2N of the composite.
 const MOMENT: usize = ALPHA + 6;
 /// −2l.
@@ -66,14 +66,6 @@ pub(crate) const VELOCITY_RATE: usize = POSITION_RATE + 6;
 /// ∂T/∂q of the degree of freedom's own force by its own coordinate.
 pub(crate) const DIAGONAL: usize = VELOCITY_RATE + 6;
 pub(crate) const ROWS: usize = DIAGONAL + 1;
-
-/// Motion of a body, as its children need it.
-#[derive(Clone, Copy, Debug)]
-struct Inboard<T> {
-    axes: Directions<T>,
-    omega: Vec3<T>,
-    alpha: Motion<T>,
-}
 
 /// Workspace of the derivatives of inverse dynamics.
 #[derive(Clone, Debug)]
@@ -162,11 +154,16 @@ impl<T: Scalar> WideKernel<T> for Derive<'_, T> {
     fn run<W: Wide<T>>(self) {
         let Derive { shifts, sweeps, layout, q, v, a, out: [d_dq, d_dv, d_da] } = self;
         shifts.set_all(layout, q);
-        sweeps.run::<true, W>(layout, shifts, v, a);
+        sweeps.move_bodies::<W>(layout, shifts, v);
+        accelerate_outboard(layout, &sweeps.places, &mut sweeps.table.view(), |view, body, place, alpha| {
+            let axes = view.at(place).axes();
+            let own = body.hinge.expand(&a[body.v..]) + body.hinge.turning(&v[body.v..]);
+            *alpha += turned(&axes, own);
+        });
+        sweeps.run::<true, W>(layout);
         let (places, derivatives) = (&sweeps.places, &mut sweeps.meetings);
         mirror::<T, W>(&mut derivatives.d_da, places.count, places.stride);
-        places.write_all::<T, W>(&derivatives.d_dq, d_dq);
-        places.write_all::<T, W>(&derivatives.d_dv, d_dv);
+        derivatives.rates.write::<W>(places, [d_dq, d_dv]);
         places.write_all::<T, W>(&derivatives.d_da, d_da);
     }
 }
@@ -206,20 +203,18 @@ impl<T: Scalar> DerivativeSweeps<T> {
             layout.gather_loads(wrenches, &mut self.loads);
         }
     }
-    /// The derivatives. With `TURNING`, `a` is v̇, and M comes, too; without, `a` is v̇ + c, which stays while v changes.
+    /// Velocities of all bodies, their own inertias, and the forces of their turning and of loads.
     #[inline(always)]
-    pub(crate) fn run<const TURNING: bool, W: Wide<T>>(
+    pub(crate) fn move_bodies<W: Wide<T>>(
         &mut self,
         layout: &Layout<T::Constant>,
         shifts: &Shifts<T>,
         v: &[T],
-        a: &[T],
     ) {
-        let (places, mut view) = (&self.places, self.table.view());
-        let view = &mut view;
-        move_outboard::<T, TURNING>(layout, shifts, places, view, v, a);
+        let (places, view) = (&self.places, &mut self.table.view());
+        move_outboard(layout, shifts, places, view, v);
         each_own_inertia!(T, W, layout, places, self.own, view, |group, inertia| {
-            let composite = Composite::of_body(&inertia, group.vector(OMEGA), group.motion(ALPHA));
+            let composite = Composite::of_body(&inertia, group.vector(OMEGA));
             composite.put(&mut group);
         });
         if self.loaded {
@@ -231,6 +226,17 @@ impl<T: Scalar> DerivativeSweeps<T> {
                 here.set_wrench(FORCE, force);
             }
         }
+    }
+    /// The derivatives, after [`DerivativeSweeps::move_bodies`] and [`accelerate_outboard`]. With `TURNING`, accelerations are those of v̇,
+    /// and M comes, too; without, of v̇ + c, which stays while v changes.
+    #[inline(always)]
+    pub(crate) fn run<const TURNING: bool, W: Wide<T>>(&mut self, layout: &Layout<T::Constant>) {
+        let (places, view) = (&self.places, &mut self.table.view());
+        each_body!(T, W, places, view, |group| {
+            let of_acceleration = group.rigid::<W>(COMPOSITE).momentum(group.motion(ALPHA));
+            let force = group.wrench::<W>(FORCE) + of_acceleration;
+            group.set_wrench(FORCE, force);
+        });
         gather_inboard(layout, places, view);
         spread::<_, W, ROWS>(
             layout,
@@ -248,63 +254,90 @@ impl<T: Scalar> DerivativeSweeps<T> {
     }
 }
 
-/// Motions of all bodies, base to tip.
+/// Velocities of all bodies, base to tip, and what they add to accelerations: [`joint_acceleration`].
 #[inline(always)]
-fn move_outboard<T: Scalar, const TURNING: bool>(
+fn move_outboard<T: Scalar>(
     layout: &Layout<T::Constant>,
     shifts: &Shifts<T>,
     places: &Places,
     view: &mut View<'_, T, ROWS>,
     v: &[T],
-    a: &[T],
 ) {
-    let ground = Inboard {
-        axes: ground_axes::ground(),
-        omega: Vec3::zero(),
-        alpha: Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity())),
-    };
+    let first = &places.first[..layout.len()];
+    let ground = (ground_axes::ground(), Vec3::zero());
+    let mut previous = ground;
+    for (k, body) in layout.bodies().iter().enumerate() {
+        let (axes, inboard) = match body.parent {
+            GROUND => ground,
+            _ if body.follows_parent(k) => previous,
+            parent => {
+                let parent = view.at(first[parent]);
+                (parent.axes(), parent.vector(OMEGA))
+            }
+        };
+        let (axes, d) = shifts.at(k, body).axes_to_child(axes);
+        set_body(view, first[k], body, &axes, d);
+        let mut here = view.at(first[k]);
+        let mut around = inboard.cross(d);
+        here.set_vector(ALPHA + 3, inboard.cross(around));
+        let turning = if let Hinge::Revolute = body.hinge {
+            axes[2].scale(v[body.v])
+        } else {
+            let joint = turned(&axes, body.hinge.expand(&v[body.v..]));
+            around += joint.linear;
+            here.set_vector(SPEED, joint.linear);
+            joint.angular
+        };
+        let omega = inboard + turning;
+        here.set_vector(DRIFT, around.scale(-T::splat(2.0)));
+        here.set_vector(CARRIED_OMEGA, inboard);
+        here.set_vector(OMEGA, omega);
+        here.set_vector(ALPHA, inboard.cross(turning));
+        previous = (axes, omega);
+    }
+}
+
+/// a of a body's joint, before its acceleration takes the same rows.
+#[inline(always)]
+pub(crate) fn joint_acceleration<T: Scalar>(
+    here: &Group<'_, T, ROWS>,
+    body: &LayoutBody<T::Constant>,
+) -> Motion<T> {
+    let mut a = here.motion::<T>(ALPHA);
+    if !matches!(body.hinge, Hinge::Revolute) {
+        let swept = here.vector::<T>(CARRIED_OMEGA).cross(here.vector(SPEED));
+        a.linear += swept + swept;
+    }
+    a
+}
+
+/// Accelerations of all bodies, base to tip; `join` adds θ̈ of a joint to φ*α(p), before a is added.
+#[inline(always)]
+pub(crate) fn accelerate_outboard<T: Scalar>(
+    layout: &Layout<T::Constant>,
+    places: &Places,
+    view: &mut View<'_, T, ROWS>,
+    mut join: impl FnMut(&mut View<'_, T, ROWS>, &LayoutBody<T::Constant>, usize, &mut Motion<T>),
+) {
+    let first = &places.first[..layout.len()];
+    let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity()));
     let mut previous = ground;
     for (k, body) in layout.bodies().iter().enumerate() {
         let inboard = match body.parent {
             GROUND => ground,
             _ if body.follows_parent(k) => previous,
-            parent => {
-                let parent = view.at(places.first[parent]);
-                Inboard { axes: parent.axes(), omega: parent.vector(OMEGA), alpha: parent.motion(ALPHA) }
-            }
+            parent => view.at(first[parent]).motion(ALPHA),
         };
-        let (axes, d) = shifts.at(k, body).axes_to_child(inboard.axes);
-        set_body(view, places.first[k], body, &axes, d);
-        let mut here = view.at(places.first[k]);
-        let mut around = inboard.omega.cross(d);
-        let carried =
-            inboard.omega.cross_add(around, inboard.alpha.angular.cross_add(d, inboard.alpha.linear));
-        let carried = Motion::new(inboard.alpha.angular, carried);
-        let (mut omega, mut alpha) = (inboard.omega, carried);
-        if let Hinge::Revolute = body.hinge {
-            let spin = axes[2].scale(v[body.v]);
-            omega += spin;
-            alpha.angular = inboard.omega.cross_add(spin, axes[2].scale_add(a[body.v], alpha.angular));
-        } else {
-            let joint = turned(&axes, body.hinge.expand(&v[body.v..]));
-            let mut own = turned(&axes, body.hinge.expand(&a[body.v..]));
-            if TURNING {
-                own += turned(&axes, body.hinge.turning(&v[body.v..]));
-            }
-            omega += joint.angular;
-            let swept = inboard.omega.cross(joint.linear);
-            alpha += own;
-            alpha.angular += inboard.omega.cross(joint.angular);
-            alpha.linear += swept + swept;
-            around += joint.linear;
-            here.set_vector(SPEED, joint.linear);
-        }
-        here.set_vector(DRIFT, around.scale(-T::splat(2.0)));
-        here.set_vector(CARRIED_OMEGA, inboard.omega);
-        here.set_motion(CARRIED_ALPHA, carried);
-        here.set_vector(OMEGA, omega);
+        let mut here = view.at(first[k]);
+        let linear = inboard.angular.cross_add(here.vector(OFFSET), inboard.linear);
+        let mut alpha = Motion::new(inboard.angular, linear);
+        let around = here.vector::<T>(ALPHA + 3);
+        here.set_motion(CARRIED_ALPHA, Motion::new(inboard.angular, linear + around));
+        join(view, body, first[k], &mut alpha);
+        let mut here = view.at(first[k]);
+        alpha += joint_acceleration(&here, body);
         here.set_motion(ALPHA, alpha);
-        previous = Inboard { axes, omega, alpha };
+        previous = alpha;
     }
 }
 

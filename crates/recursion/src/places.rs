@@ -14,9 +14,11 @@ use phipsi_spatial::{Mat3, Motion, Scalar, Sym3, Vec3, Wrench};
 pub(crate) const ROWS: usize = 4;
 
 mod aligned;
+mod pair;
 mod panels;
 
 pub(crate) use aligned::Aligned;
+pub(crate) use pair::Pair;
 pub(crate) use panels::{Panels, each_place};
 
 /// Where degrees of freedom are.
@@ -36,6 +38,8 @@ pub(crate) struct Places {
     dof: Vec<usize>,
     /// One past the last place outboard of every place; nothing is outboard of the empty ones.
     outboard: Vec<usize>,
+    /// The same of registers of 1, 2, 4 and 8 places, one after the other.
+    outboard_of_registers: [Vec<usize>; 4],
     /// True if of every two bodies one is outboard of the other.
     all_related: bool,
     /// True if the model's order is that of the places.
@@ -60,7 +64,21 @@ impl Places {
         }
         let all_related = end.iter().all(|&end| end == count);
         let in_order = (0..nv).all(|i| dof[margin + i] == i);
-        Places { first, end, margin, count, stride, dof, outboard, all_related, in_order }
+        let outboard_of_registers = [1, 2, 4, WIDEST].map(|width| {
+            outboard.chunks(width).map(|ends| ends.iter().copied().fold(0, usize::max)).collect()
+        });
+        Places {
+            first,
+            end,
+            margin,
+            count,
+            stride,
+            dof,
+            outboard,
+            outboard_of_registers,
+            all_related,
+            in_order,
+        }
     }
     /// The places of a body's own degrees of freedom.
     pub(crate) fn own(&self, k: usize) -> Range<usize> {
@@ -76,10 +94,10 @@ impl Places {
     pub(crate) fn all_related(&self) -> bool {
         self.all_related
     }
-    /// One past the last place outboard of any of `count` places from `at` on.
+    /// One past the last place outboard of any place of a register of `width` from `at` on.
     #[inline(always)]
-    pub(crate) fn outboard_end(&self, at: usize, count: usize) -> usize {
-        self.outboard[at..at + count].iter().fold(0, |end, &other| end.max(other))
+    pub(crate) fn outboard_end(&self, at: usize, width: usize) -> usize {
+        self.outboard_of_registers[width.trailing_zeros() as usize & 3][at / width]
     }
     /// Pairs of a degree of freedom with one that is not inboard of it.
     pub(crate) fn pairs(&self) -> usize {
@@ -93,10 +111,6 @@ impl Places {
     #[inline(always)]
     pub(crate) fn group(at: usize, width: usize) -> usize {
         at - at % width
-    }
-    /// The groups of [`ROWS`] rows.
-    pub(crate) fn blocks(&self) -> impl Iterator<Item = usize> {
-        (Self::group(self.margin, ROWS)..self.count).step_by(ROWS)
     }
     /// Writes a group of row `row`, from column `at` on, to the model's matrix.
     #[inline(always)]
@@ -130,27 +144,6 @@ impl Places {
     #[inline(always)]
     pub(crate) fn in_order(&self) -> bool {
         self.in_order
-    }
-    /// Writes a group of rows from `row` on, from column `at` on, to the model's matrix.
-    #[inline(always)]
-    pub(crate) fn write_rows<T: Scalar, W: Wide<T>, const R: usize>(
-        &self,
-        row: usize,
-        at: usize,
-        x: [W; R],
-        out: &mut [T],
-    ) {
-        let (nv, margin) = (self.count - self.margin, self.margin);
-        if self.in_order && row >= margin && at >= margin {
-            let out = &mut out[(row - margin) * nv + at - margin..][..(R - 1) * nv + W::COUNT];
-            for r in 0..R {
-                x[r].store(&mut out[r * nv..]);
-            }
-            return;
-        }
-        for r in 0..R {
-            self.write(row + r, at, x[r], out);
-        }
     }
     /// Writes a whole matrix.
     #[inline(always)]
@@ -282,6 +275,12 @@ impl<T: Scalar, const N: usize> Group<'_, T, N> {
     pub(crate) fn set<W: Wide<T>>(&mut self, r: usize, x: W) {
         let i = self.index::<W>(r);
         x.store(&mut self.numbers[..N * T::COLUMNS][i..i + W::COUNT]);
+    }
+    /// Row `r` from place `from` of the register on and before place `to`.
+    #[inline(always)]
+    pub(crate) fn set_between<W: Wide<T>>(&mut self, r: usize, from: usize, to: usize, x: W) {
+        let i = self.index::<W>(r);
+        x.store_between(from, to, &mut self.numbers[..N * T::COLUMNS][i..i + W::COUNT]);
     }
     /// Rows `r` to `r` + 2.
     #[inline(always)]

@@ -23,6 +23,9 @@ pub trait Wide<T: Scalar>: Scalar<Constant = T::Constant> {
     fn store_first(self, out: &mut [T]);
     /// The numbers from place `first` on, to the first numbers of a slice, which has as many.
     fn store_from(self, first: usize, out: &mut [T]);
+    /// The numbers from place `from` on and before place `to`, neither beyond [`Wide::COUNT`], to their places in the first numbers of a
+    /// slice, which has as many as there are places.
+    fn store_between(self, from: usize, to: usize, out: &mut [T]);
     /// With another number in one place.
     fn with(self, place: usize, x: T) -> Self;
     /// The numbers before place `place`, and those of `others` from there on.
@@ -63,6 +66,12 @@ impl<T: Scalar> Wide<T> for T {
     #[inline(always)]
     fn store_from(self, first: usize, out: &mut [T]) {
         if first == 0 {
+            out[0] = self;
+        }
+    }
+    #[inline(always)]
+    fn store_between(self, from: usize, to: usize, out: &mut [T]) {
+        if from == 0 && to == 1 {
             out[0] = self;
         }
     }

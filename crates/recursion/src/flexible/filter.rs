@@ -108,7 +108,7 @@ impl<T: Scalar> Filter<T> {
         }
     }
     /// Accelerations; `out` holds τ before. `ground` is α of the ground; `loads`: minus the external wrenches at the bodies'
-    /// frames. Without `turning` planar and free joints get θ̈ + c.
+    /// frames.
     #[allow(clippy::too_many_arguments)] // one sweep's inputs
     pub(crate) fn run(
         &mut self,
@@ -117,13 +117,12 @@ impl<T: Scalar> Filter<T> {
         ground: Motion<T>,
         (q, v): (&[T], &[T]),
         loads: Option<&[Wrench<T>]>,
-        turning: bool,
         out: &mut [T],
     ) -> Result<(), DynamicsError> {
         self.motions.set_position(tree, q);
         self.motions.set_velocity(tree, v);
         self.sweep_inboard(layout, tree, (q, v), loads, out)?;
-        self.sweep_outboard(tree, ground, v, turning, out);
+        self.sweep_outboard(tree, ground, v, out);
         Ok(())
     }
     /// Factors alone, at rest and without loads.
@@ -268,7 +267,6 @@ impl<T: Scalar> Filter<T> {
         tree: &FlexibleTree<T::Constant>,
         ground: Motion<T>,
         v: &[T],
-        turning: bool,
         residuals: &mut [T],
     ) {
         for (k, body) in tree.bodies.iter().enumerate() {
@@ -280,9 +278,7 @@ impl<T: Scalar> Filter<T> {
             if let Some(hinge) = &body.hinge {
                 let dofs = body.v..body.v + hinge.nv();
                 smooth(hinge, &self.pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
-                if turning {
-                    hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
-                }
+                hinge.subtract_turning(&v[body.v..], &mut residuals[dofs]);
             }
             alpha += self.motions.coriolis[k];
             if let Some(i) = body.modal {

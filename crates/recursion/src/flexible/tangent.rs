@@ -146,28 +146,23 @@ pub(crate) fn derivatives<T: Scalar>(
     let mut forward = Filter::<Tangent<T>>::new(tree);
     let mut inverse = NewtonEuler::<Tangent<T>>::new(tree);
     let mut column = x0.clone();
-    let mut differentiate =
-        |q: &[Tangent<T>], v: &[Tangent<T>], x: &[Tangent<T>], j: usize, out: &mut [T]| {
-            match map {
-                Map::Forward => {
-                    column.copy_from_slice(x);
-                    forward.run(
-                        layout,
-                        tree,
-                        ground(layout.gravity()),
-                        (q, v),
-                        loads.as_deref(),
-                        true,
-                        &mut column,
-                    )?;
-                }
-                Map::Inverse => inverse.run(layout, tree, (q, v, x), loads.as_deref(), &mut column),
+    let mut differentiate = |q: &[Tangent<T>],
+                             v: &[Tangent<T>],
+                             x: &[Tangent<T>],
+                             j: usize,
+                             out: &mut [T]| {
+        match map {
+            Map::Forward => {
+                column.copy_from_slice(x);
+                forward.run(layout, tree, ground(layout.gravity()), (q, v), loads.as_deref(), &mut column)?;
             }
-            for (i, x) in column.iter().enumerate() {
-                out[i * nv + j] = x.rate;
-            }
-            Ok(())
-        };
+            Map::Inverse => inverse.run(layout, tree, (q, v, x), loads.as_deref(), &mut column),
+        }
+        for (i, x) in column.iter().enumerate() {
+            out[i * nv + j] = x.rate;
+        }
+        Ok(())
+    };
     let mut moved = q0.clone();
     let joints = tree.bodies.iter().filter_map(|b| Some((b, b.hinge.as_ref()?)));
     for (body, hinge) in joints {

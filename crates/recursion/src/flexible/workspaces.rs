@@ -23,7 +23,6 @@ impl<T: Scalar> Forward<T> {
         layout: &Layout<T::Constant>,
         state: (&[T], &[T]),
         wrenches: Option<&[Wrench<T>]>,
-        turning: bool,
         out: &mut [T],
     ) -> Result<(), DynamicsError> {
         let Some(tree) = layout.flexible() else { return Ok(()) };
@@ -32,7 +31,7 @@ impl<T: Scalar> Forward<T> {
             gather_loads(layout, wrenches, loads);
         }
         let loads = wrenches.map(|_| &loads[..]);
-        filter.run(layout, tree, ground(layout.gravity()), state, loads, turning, out)
+        filter.run(layout, tree, ground(layout.gravity()), state, loads, out)
     }
 }
 
@@ -89,7 +88,7 @@ impl<T: Scalar> Solution<T> {
         check_length("q", q, layout.nq())?;
         let Solution { filter, tree, rest } = checked(work, tree, |work| &work.filter.motions)?;
         for row in x.chunks_exact_mut(layout.nv()) {
-            filter.run(layout, tree, Motion::zero(), (q, rest), None, true, row)?;
+            filter.run(layout, tree, Motion::zero(), (q, rest), None, row)?;
         }
         Ok(())
     }

@@ -19,8 +19,6 @@ pub(super) struct Call<'a, T: Scalar> {
     pub(super) ground: Motion<T::Arithmetic>,
     /// Six-vectors in lanes.
     pub(super) packed: bool,
-    /// θ̈ wanted, not θ̈ + c.
-    pub(super) turning: bool,
 }
 
 /// A run of bodies. Slices begin at its first body and degree of freedom; those of the call at the layout's.

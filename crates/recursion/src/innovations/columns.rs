@@ -14,13 +14,13 @@ use super::{GAIN, GAINS, Innovations};
 use crate::ground_axes::{AXIS, OFFSET, Passages, along};
 use crate::hinge::Hinge;
 use crate::layout::{GROUND, Layout};
-use crate::places::{Places, Table, View, vector};
+use crate::places::{Pair, Places, Table, View, vector};
 use phipsi_spatial::wide::Wide;
 use phipsi_spatial::{Motion, Scalar, Vec3, Wrench};
 
 /// Degrees of freedom related to a column, on average, from which sweeps take less time than products.
 const RELATED: usize = 48;
-/// Registers side by side, at most: two of each of two matrices.
+/// Registers side by side, at most.
 const SIDE: usize = 4;
 
 /// Room for the sweeps.
@@ -95,24 +95,25 @@ impl<T: Scalar> Innovations<T> {
     pub(crate) fn has_sweeps(&self) -> bool {
         self.columns.is_some()
     }
-    /// −M⁻¹ B for two matrices B of the places, to the model's order; `bodies` of the same configuration.
+    /// −M⁻¹ B for two matrices B, to the model's order; `bodies` of the same configuration.
     #[inline(always)]
     pub(crate) fn negative_sweeps<W: Wide<T>, const N: usize>(
         &mut self,
         layout: &Layout<T::Constant>,
         places: &Places,
         bodies: &mut View<'_, T, N>,
-        b: [&[T]; 2],
-        mut out: [&mut [T]; 2],
+        b: &Pair<T>,
+        out: [&mut [T]; 2],
     ) {
-        let Innovations { columns, gains, inverse, passages, .. } = self;
+        let Innovations { columns, gains, inverse, passages, products, .. } = self;
+        let solution = &mut products.solution;
         let Some(columns) = columns else { return };
         // Four registers hold 24 numbers: only AVX-512 has names for as many.
-        let both = size_of::<W>() >= 64;
-        let mut at = Places::group(places.margin, T::COLUMNS);
-        while at < places.count {
-            if both && at + 2 * W::COUNT <= places.count {
-                inward::<T, W, N, SIDE>(layout, places, bodies, gains, passages, columns, b, at);
+        let wide = size_of::<W>() >= 64;
+        let (mut column, end) = (0, 2 * (places.count - places.margin));
+        while column < end {
+            if wide && column + 2 * W::COUNT < end {
+                inward::<T, W, N, SIDE>(layout, places, bodies, gains, passages, columns, b, column);
                 outward::<T, W, N, SIDE>(
                     layout,
                     places,
@@ -120,12 +121,12 @@ impl<T: Scalar> Innovations<T> {
                     gains,
                     (inverse, passages),
                     columns,
-                    &mut out,
-                    at,
+                    solution,
+                    column,
                 );
-                at += 2 * W::COUNT;
+                column += SIDE * W::COUNT;
             } else {
-                inward::<T, W, N, 2>(layout, places, bodies, gains, passages, columns, b, at);
+                inward::<T, W, N, 2>(layout, places, bodies, gains, passages, columns, b, column);
                 outward::<T, W, N, 2>(
                     layout,
                     places,
@@ -133,12 +134,13 @@ impl<T: Scalar> Innovations<T> {
                     gains,
                     (inverse, passages),
                     columns,
-                    &mut out,
-                    at,
+                    solution,
+                    column,
                 );
-                at += W::COUNT;
+                column += 2 * W::COUNT;
             }
         }
+        solution.write::<W>(places, out);
     }
 }
 
@@ -157,7 +159,7 @@ macro_rules! with_axis {
     };
 }
 
-/// ε of `C` registers: of both matrices from column `at` on, then of both from the next register on.
+/// ε of `C` registers from column `column` of both matrices on.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
@@ -167,10 +169,10 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
     gains: &mut Table<T, GAINS>,
     passages: &Passages,
     columns: &mut ColumnSweeps<T>,
-    b: [&[T]; 2],
-    at: usize,
+    b: &Pair<T>,
+    column: usize,
 ) {
-    let (s, size) = (places.stride, 6 * SIDE * T::COLUMNS);
+    let size = 6 * SIDE * T::COLUMNS;
     let mut gains = gains.view();
     columns.branches.fill(T::zero());
     let mut z = [Wrench::<W>::zero(); C];
@@ -188,11 +190,12 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
         }
         for place in first..inner {
             let kept = &mut columns.innovations[place * SIDE * T::COLUMNS..][..SIDE * T::COLUMNS];
-            let measured = [&b[0][place * s + at..], &b[1][place * s + at..]];
+            let Some(measured) = b.rows(place, place + 1, column).next() else { return };
+            let measured = &measured[..C * W::COUNT];
             with_axis!(bodies, gains, passages, place, |axis, gain, LINEAR| {
                 let (moment, force) = (vector::<T, W>(gain.moment), vector::<T, W>(gain.force));
                 for c in 0..C {
-                    let measured = W::load(&measured[c % 2][c / 2 * W::COUNT..]);
+                    let measured = W::load(&measured[c * W::COUNT..]);
                     let innovation = measured - along::<T, W>(&axis, LINEAR, &z[c]);
                     z[c].moment = moment.scale_add(innovation, z[c].moment);
                     z[c].force = force.scale_add(innovation, z[c].force);
@@ -229,8 +232,8 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
     gains: &mut Table<T, GAINS>,
     (inverse, passages): (&[T], &Passages),
     columns: &mut ColumnSweeps<T>,
-    out: &mut [&mut [T]; 2],
-    at: usize,
+    out: &mut Pair<T>,
+    column: usize,
 ) {
     let size = 6 * SIDE * T::COLUMNS;
     let mut gains = gains.view();
@@ -267,9 +270,10 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
                         lambda[c].linear = along.scale_add(x[c], lambda[c].linear);
                     }
                 }
-                // Apart from the sums, which would go through memory otherwise.
+                let Some(out) = out.rows_mut(place, place + 1, column).next() else { return };
+                let out = &mut out[..C * W::COUNT];
                 for c in 0..C {
-                    places.write_rows(place, at + c / 2 * W::COUNT, [-x[c]], out[c % 2]);
+                    (-x[c]).store(&mut out[c * W::COUNT..]);
                 }
             });
         }
@@ -289,6 +293,6 @@ impl<T: Scalar> Innovations<T> {
     /// By sweeps or by products, whichever takes less time.
     pub(crate) fn choose(&mut self, layout: &Layout<T::Constant>, places: &Places, sweeps: bool) {
         self.columns = sweeps.then(|| ColumnSweeps::always(layout, places));
-        self.products = super::Products::new(places, !sweeps);
+        self.products = super::Products::new(places, !sweeps, true);
     }
 }

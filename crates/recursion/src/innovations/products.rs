@@ -5,12 +5,16 @@
 //! if one of c and j lies on the other's way. Columns are taken in panels of a few registers, rows in groups.
 
 use super::Innovations;
-use crate::places::{Aligned, Places, ROWS, each_place};
+use crate::places::{Aligned, Pair, Places, ROWS, each_place};
 use phipsi_spatial::Scalar;
 use phipsi_spatial::wide::{WIDEST, Wide};
 
-/// Registers side by side in a panel.
-const SIDE: usize = 2;
+/// Registers side by side in a panel, at most.
+const SIDE: usize = 4;
+/// What a term costs beside its multiplications, in those of a register.
+const OVERHEAD: f64 = 0.75;
+/// Rows of a product that are summed up at once, at most.
+const MOST_ROWS: usize = 6;
 
 /// Ranges of places.
 type Ranges = Vec<(usize, usize)>;
@@ -18,14 +22,24 @@ type Ranges = Vec<(usize, usize)>;
 /// Where products have terms, and M⁻¹.
 #[derive(Clone, Debug)]
 pub(super) struct Products<T> {
-    /// For every panel: places on the way of its columns, or outboard of them.
-    related: Vec<Ranges>,
+    panels: Vec<Panel>,
     /// For every group of rows of M⁻¹: places on their ways.
     inboard: Vec<Ranges>,
-    /// M⁻¹, by places, where it is read again.
+    /// M⁻¹, by places, where it is read again, and a row more, for rows that are read from a column on.
     inverse: Aligned<T>,
-    /// Numbers in a row of a panel.
-    width: usize,
+    /// −M⁻¹ B.
+    pub(super) solution: Pair<T>,
+}
+
+/// Columns of two matrices that are taken together.
+#[derive(Clone, Debug)]
+struct Panel {
+    /// The first of them, counted through both matrices.
+    column: usize,
+    /// Registers of [`Scalar::COLUMNS`].
+    registers: usize,
+    /// Places on the ways of the columns, or outboard of them.
+    related: Ranges,
 }
 
 /// The ranges where `near` is true.
@@ -40,34 +54,70 @@ fn ranges(count: usize, near: impl Fn(usize) -> bool) -> Ranges {
     ranges
 }
 
+/// Registers in panels of at most [`SIDE`], given what is near each: the first register of every panel and how many it has. Wide panels take
+/// each term of the product for several registers, narrow ones leave out more terms.
+fn cheapest_panels(near: &[Vec<bool>]) -> Vec<(usize, usize)> {
+    let terms = |own: &[Vec<bool>]| (0..own[0].len()).filter(|&c| own.iter().any(|near| near[c])).count();
+    // Of the registers before each: the least cost, and the last panel.
+    let mut best = vec![(0.0, 0)];
+    for end in 1..=near.len() {
+        let costs = (1..=SIDE.min(end)).map(|registers| {
+            let first = end - registers;
+            (best[first].0 + terms(&near[first..end]) as f64 * (registers as f64 + OVERHEAD), registers)
+        });
+        best.push(costs.fold((f64::INFINITY, 1), |best, next| if next.0 < best.0 { next } else { best }));
+    }
+    let (mut panels, mut end) = (Vec::new(), near.len());
+    while end > 0 {
+        let registers = best[end].1;
+        end -= registers;
+        panels.push((end, registers));
+    }
+    panels.reverse();
+    panels
+}
+
 /// Rows of M⁻¹ that are summed up at once: a tile of the widest registers.
 const fn rows_of_inverse<T: Scalar>() -> usize {
     if T::COLUMNS == 1 { ROWS } else { WIDEST }
 }
 
 impl<T: Scalar> Products<T> {
-    /// For M⁻¹, and for products with it if `solves`.
-    pub(super) fn new(places: &Places, solves: bool) -> Self {
-        let (width, count, margin) = (SIDE * T::COLUMNS, places.count, places.margin);
+    /// For M⁻¹, for products with it if `solves`, and with room for a `solution` of those or of sweeps.
+    pub(super) fn new(places: &Places, solves: bool, solution: bool) -> Self {
+        let (count, margin) = (places.count, places.margin);
         // The first place of a place's joint, and one past the last place outboard.
         let mut joint: Vec<(usize, usize)> = (0..count).map(|p| (p, p)).collect();
         for k in 0..places.first.len() {
             joint[places.own(k)].fill((places.first[k], places.end[k]));
         }
         let inboard_of = |c: usize, p: usize| joint[c].0 <= p && p < joint[c].1;
-        let panels = (Places::group(margin, T::COLUMNS)..count).step_by(width);
-        let related = panels.take_while(|_| solves).map(|left| {
-            let panel = left.max(margin)..(left + width).min(count);
-            ranges(count, |c| panel.clone().any(|p| inboard_of(c, p) || inboard_of(p, c)))
-        });
+        let nv = count - margin;
+        let registers = if solves { (2 * nv).div_ceil(T::COLUMNS) } else { 0 };
+        let near: Vec<Vec<bool>> = (0..registers)
+            .map(|register| {
+                let columns = register * T::COLUMNS..(2 * nv).min((register + 1) * T::COLUMNS);
+                let own: Vec<usize> = columns.map(|c| margin + c % nv).collect();
+                (0..count).map(|c| own.iter().any(|&p| inboard_of(c, p) || inboard_of(p, c))).collect()
+            })
+            .collect();
+        let panels = cheapest_panels(&near)
+            .into_iter()
+            .map(|(first, registers)| {
+                let own = &near[first..first + registers];
+                let related = ranges(count, |c| own.iter().any(|near| near[c]));
+                Panel { column: first * T::COLUMNS, registers, related }
+            })
+            .collect();
         let rows = rows_of_inverse::<T>();
         let inboard = (Places::group(margin, rows)..count).step_by(rows).map(|row| {
             let rows = row.max(margin)..row + rows;
             ranges(count, |c| rows.clone().any(|r| inboard_of(c, r)))
         });
         let kept = solves || !places.in_order();
-        let inverse = if kept { places.zeros() } else { Aligned::new(0) };
-        Products { related: related.collect(), inboard: inboard.collect(), inverse, width }
+        let inverse = Aligned::new(if kept { places.stride * (count + 1) } else { 0 });
+        let solution = if solution { Pair::new(places) } else { Pair::empty() };
+        Products { panels, inboard: inboard.collect(), inverse, solution }
     }
 }
 
@@ -86,14 +136,14 @@ impl<T: Scalar> Innovations<T> {
                     break;
                 }
                 let sums = tile::<T, W>((operator, s), pivots, terms, row, at);
-                for (top, tile) in
-                    (row..).step_by(W::COUNT).zip(sums.chunks_exact(W::COUNT)).take(rows / W::COUNT)
-                {
-                    let empty = top + W::COUNT <= places.margin;
-                    if top < at && !empty {
-                        put_tile::<T, W, false>(places, tile, top, at, inverse, out);
-                    } else if top == at {
+                for part in 0..rows / W::COUNT {
+                    let top = row + part * W::COUNT;
+                    let mut tile = [W::zero(); WIDEST];
+                    each_place!(W, I => tile[I] = sums[part * W::COUNT + I]);
+                    if top == at {
                         put_tile::<T, W, true>(places, tile, top, at, inverse, out);
+                    } else if top < at && top + W::COUNT > places.margin {
+                        put_tile::<T, W, false>(places, tile, top, at, inverse, out);
                     }
                 }
                 row += rows;
@@ -104,47 +154,86 @@ impl<T: Scalar> Innovations<T> {
             places.write_all::<T, W>(inverse, out);
         }
     }
-    /// −M⁻¹ B for two matrices B of the places, to the model's order, after [`Innovations::inverse_mass_matrix`].
+    /// −M⁻¹ B for two matrices B, to the model's order, after [`Innovations::inverse_mass_matrix`].
     #[inline(always)]
-    pub(crate) fn negative_solve<W: Wide<T>>(&self, places: &Places, b: [&[T]; 2], mut out: [&mut [T]; 2]) {
-        // Sums of two matrices in two registers each are sixteen: only AVX-512 has names for more.
-        let both = size_of::<W>() >= 64;
-        let mut at = Places::group(places.margin, T::COLUMNS);
-        for related in &self.products.related {
-            let end = (at + self.products.width).min(places.count);
-            while at < end {
-                if both && at + SIDE * W::COUNT <= end {
-                    self.solve_columns::<W, SIDE>(places, related, at, b, &mut out);
-                    at += SIDE * W::COUNT;
-                } else {
-                    self.solve_columns::<W, 1>(places, related, at, b, &mut out);
-                    at += W::COUNT;
+    pub(crate) fn negative_solve<W: Wide<T>>(&mut self, places: &Places, b: &Pair<T>, out: [&mut [T]; 2]) {
+        let Products { panels, inverse, solution, .. } = &mut self.products;
+        // Sums of three and more registers: only AVX-512 has names for them.
+        let wide = size_of::<W>() >= 64;
+        for panel in panels.iter() {
+            let (mut column, end) = (panel.column, panel.column + panel.registers * T::COLUMNS);
+            while column < end {
+                let taken = match (end - column) / W::COUNT {
+                    4 if wide => solve::<T, W, 4>(places, inverse, &panel.related, column, b, solution),
+                    3 if wide => solve::<T, W, 3>(places, inverse, &panel.related, column, b, solution),
+                    1 => solve::<T, W, 1>(places, inverse, &panel.related, column, b, solution),
+                    _ => solve::<T, W, 2>(places, inverse, &panel.related, column, b, solution),
+                };
+                column += taken * W::COUNT;
+            }
+        }
+        solution.write::<W>(places, out);
+    }
+}
+
+/// −M⁻¹ B of the columns of `G` registers; returns `G`.
+#[inline(always)]
+fn solve<T: Scalar, W: Wide<T>, const G: usize>(
+    places: &Places,
+    inverse: &[T],
+    related: &Ranges,
+    column: usize,
+    b: &Pair<T>,
+    solution: &mut Pair<T>,
+) -> usize {
+    let (mut row, nv) = (places.margin, places.count - places.margin);
+    // Rows in blocks of three to six, of nearly one size.
+    let blocks = nv.div_ceil(MOST_ROWS);
+    for block in 0..blocks {
+        let rows = nv * (block + 1) / blocks - nv * block / blocks;
+        let inverse = (inverse, places.stride);
+        match rows {
+            6 => solve_rows::<T, W, G, 6>(inverse, row, related, column, b, solution),
+            5 => solve_rows::<T, W, G, 5>(inverse, row, related, column, b, solution),
+            4 => solve_rows::<T, W, G, 4>(inverse, row, related, column, b, solution),
+            // One and two degrees of freedom have three rows, too.
+            _ => solve_rows::<T, W, G, 3>(inverse, row, related, column, b, solution),
+        }
+        row += rows;
+    }
+    G
+}
+
+/// The same of `R` rows from `row` on.
+#[inline(always)]
+fn solve_rows<T: Scalar, W: Wide<T>, const G: usize, const R: usize>(
+    (inverse, stride): (&[T], usize),
+    row: usize,
+    related: &Ranges,
+    column: usize,
+    b: &Pair<T>,
+    solution: &mut Pair<T>,
+) {
+    let mut sums = [[W::zero(); G]; R];
+    for &(low, high) in related {
+        let weights = inverse[low * stride + row..high * stride + row].chunks_exact(stride);
+        for (b, weights) in b.rows(low, high, column).zip(weights) {
+            let (b, weights) = (&b[..G * W::COUNT], &weights[..R]);
+            for g in 0..G {
+                let x = -W::load(&b[g * W::COUNT..]);
+                for r in 0..R {
+                    sums[r][g] = x.fma(W::broadcast(weights[r]), sums[r][g]);
                 }
             }
         }
     }
-    /// The same for the columns of `G` registers.
-    #[inline(always)]
-    fn solve_columns<W: Wide<T>, const G: usize>(
-        &self,
-        places: &Places,
-        related: &Ranges,
-        at: usize,
-        b: [&[T]; 2],
-        out: &mut [&mut [T]; 2],
-    ) {
-        let (inverse, s): (&[T], usize) = (&self.products.inverse, places.stride);
-        for row in places.blocks() {
-            let sums = sums::<T, W, G>((inverse, s, row), related, b, at);
-            for (sums, out) in sums.into_iter().zip(out.iter_mut()) {
-                for (g, sums) in sums.into_iter().enumerate() {
-                    let mut negative = sums;
-                    for x in &mut negative {
-                        *x = -*x;
-                    }
-                    places.write_rows(row, at + g * W::COUNT, negative, out);
-                }
-            }
+    // By number: iterators over arrays of registers keep them in memory.
+    let mut rows = solution.rows_mut(row, row + R, column);
+    for r in 0..R {
+        let Some(out) = rows.next() else { return };
+        let out = &mut out[..G * W::COUNT];
+        for g in 0..G {
+            sums[r][g].store(&mut out[g * W::COUNT..]);
         }
     }
 }
@@ -177,15 +266,13 @@ fn tile<T: Scalar, W: Wide<T>>(
 #[inline(always)]
 fn put_tile<T: Scalar, W: Wide<T>, const DIAGONAL: bool>(
     places: &Places,
-    rows: &[W],
+    tile: [W; WIDEST],
     top: usize,
     at: usize,
     inverse: &mut [T],
     out: &mut [T],
 ) {
     let s = places.stride;
-    let mut tile = [W::zero(); WIDEST];
-    each_place!(W, I => tile[I] = rows[I]);
     let mut below = tile;
     W::transpose(&mut below);
     if !inverse.is_empty() {
@@ -200,31 +287,4 @@ fn put_tile<T: Scalar, W: Wide<T>, const DIAGONAL: bool>(
     if places.in_order() {
         places.write_tile::<T, W, DIAGONAL>(tile, top, at, out);
     }
-}
-
-/// Sums of rows of two matrices, from a column on, with the weights in [`ROWS`] columns of another from `row` on.
-#[inline(always)]
-fn sums<T: Scalar, W: Wide<T>, const G: usize>(
-    (weights, stride, row): (&[T], usize, usize),
-    terms: &Ranges,
-    matrices: [&[T]; 2],
-    at: usize,
-) -> [[[W; ROWS]; G]; 2] {
-    let mut sums = [[[W::zero(); ROWS]; G]; 2];
-    for &(low, high) in terms {
-        let weights = weights[low * stride..high * stride].chunks_exact(stride);
-        for (c, weights) in (low..high).zip(weights) {
-            let weights = &weights[row..row + ROWS];
-            for m in 0..2 {
-                let x = &matrices[m][c * stride + at..][..G * W::COUNT];
-                for g in 0..G {
-                    let x = W::load(&x[g * W::COUNT..]);
-                    for r in 0..ROWS {
-                        sums[m][g][r] = x.fma(W::broadcast(weights[r]), sums[m][g][r]);
-                    }
-                }
-            }
-        }
-    }
-    sums
 }

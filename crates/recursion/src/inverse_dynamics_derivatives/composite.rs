@@ -5,7 +5,7 @@ use super::{FORCE, MOMENT, MOMENTUM};
 use crate::ground_axes::COMPOSITE;
 use crate::places::Group;
 use phipsi_spatial::wide::Wide;
-use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Sym3, Vec3, Wrench};
+use phipsi_spatial::{Mat3, RigidInertia, Scalar, Sym3, Vec3, Wrench};
 
 /// Sums over a body and all outboard of it.
 #[derive(Clone, Copy, Debug)]
@@ -21,9 +21,9 @@ pub(super) struct Composite<T> {
 }
 
 impl<T: Scalar> Composite<T> {
-    /// The sums of one body.
+    /// The sums of one body; its force without that of its acceleration.
     #[inline(always)]
-    pub(super) fn of_body(M: &RigidInertia<T>, omega: Vec3<T>, alpha: Motion<T>) -> Self {
+    pub(super) fn of_body(M: &RigidInertia<T>, omega: Vec3<T>) -> Self {
         // −2ω~Σ₂ with 2Σ₂ = tr(J) 1 − 2J: second moments of mass.
         let J = M.inertia;
         let trace = J.xx + J.yy + J.zz;
@@ -37,7 +37,7 @@ impl<T: Scalar> Composite<T> {
                 second.column(2).cross(omega),
             ),
             momentum: M.first_moment.cross(omega).scale(two),
-            force: M.momentum(alpha) + M.gyroscopic(omega),
+            force: M.gyroscopic(omega),
         }
     }
     /// −2B x of an angular change of velocity.

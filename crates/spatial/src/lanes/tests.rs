@@ -169,6 +169,15 @@ impl WideKernel<Fused> for SideBySide {
                 let want: Vec<Fused> =
                     (0..n).map(|i| if inside(i) { numbers[i] } else { Fused(0.0) }).collect();
                 assert_eq!(read(W::load(&numbers).between(place, to)), want, "{place} to {to}");
+                let mut out = vec![Fused(-1.0); n + 1];
+                W::load(&numbers).store_between(place, to, &mut out);
+                for (i, x) in out.iter().enumerate() {
+                    assert_eq!(
+                        *x,
+                        if inside(i) { numbers[i] } else { Fused(-1.0) },
+                        "{place} to {to} of {n}"
+                    );
+                }
             }
             let mut out = vec![Fused(-1.0); n + 1];
             W::load(&numbers).store_from(place, &mut out);

@@ -44,7 +44,7 @@ macro_rules! lanes {
         $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident, $sqrt:ident,
         negate: $negate:ident, all: $all:ident, size: $size:ident, turn: $turn:ident,
         insert: $insert:ident, up_to: $up_to:ident, between: $between:ident,
-        store_from: $store_from:ident, load_first: $load_first:ident,
+        store_from: $store_from:ident, store_between: $store_between:ident, load_first: $load_first:ident,
         store_first: $store_first:ident, transpose: $transpose:ident, pack: $pack:ident, unpack: $unpack:ident
     ) => {
         // SAFETY of this macro: a value of the type exists only after the processor was asked (see the module above).
@@ -192,6 +192,11 @@ macro_rules! lanes {
                 }
             }
             #[inline(always)]
+            fn store_between(self, from: usize, to: usize, x: &mut [Fused]) {
+                let x = &mut x[..$n];
+                unsafe { $store_between(x, from, to, self.0) }
+            }
+            #[inline(always)]
             fn broadcast(x: Fused) -> Self {
                 Self::splat(x.0)
             }
@@ -239,7 +244,7 @@ lanes!(
     _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd, _mm256_fmadd_pd, _mm256_sqrt_pd,
     negate: negate4, all: all_between4, size: size4, turn: turn4,
     insert: insert4, up_to: up_to4, between: between4,
-    store_from: store_from4, load_first: load_first4, store_first: store_first4,
+    store_from: store_from4, store_between: store_between4, load_first: load_first4, store_first: store_first4,
     transpose: transpose4, pack: pack4, unpack: unpack4
 );
 
@@ -248,7 +253,7 @@ lanes!(
     _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd, _mm512_div_pd, _mm512_fmadd_pd, _mm512_sqrt_pd,
     negate: negate8, all: all_between8, size: _mm512_abs_pd, turn: turn8,
     insert: insert8, up_to: up_to8, between: between8,
-    store_from: store_from8, load_first: load_first8, store_first: store_first8,
+    store_from: store_from8, store_between: store_between8, load_first: load_first8, store_first: store_first8,
     transpose: transpose8, pack: pack8, unpack: unpack8
 );
 
@@ -343,18 +348,40 @@ unsafe fn up_to8(x: __m512d, lane: usize, others: __m512d) -> __m512d {
 
 #[inline(always)]
 unsafe fn between4(x: __m256d, from: usize, to: usize) -> __m256d {
+    unsafe { _mm256_and_pd(x, _mm256_castsi256_pd(places4(from, to))) }
+}
+
+/// All bits set from place `from` on and before place `to`.
+#[inline(always)]
+unsafe fn places4(from: usize, to: usize) -> __m256i {
     unsafe {
         let lanes = _mm256_setr_epi64x(0, 1, 2, 3);
         let before = _mm256_cmpgt_epi64(_mm256_set1_epi64x(from as i64), lanes);
-        let inside = _mm256_andnot_si256(before, _mm256_cmpgt_epi64(_mm256_set1_epi64x(to as i64), lanes));
-        _mm256_and_pd(x, _mm256_castsi256_pd(inside))
+        _mm256_andnot_si256(before, _mm256_cmpgt_epi64(_mm256_set1_epi64x(to as i64), lanes))
     }
 }
 
 #[inline(always)]
 unsafe fn between8(x: __m512d, from: usize, to: usize) -> __m512d {
-    let mask = 0xffu32.wrapping_shl(from as u32) & !0xffu32.wrapping_shl(to as u32);
-    unsafe { _mm512_maskz_mov_pd(mask as u8, x) }
+    unsafe { _mm512_maskz_mov_pd(places8(from, to), x) }
+}
+
+/// A bit for each place from `from` on and before `to`.
+#[inline(always)]
+fn places8(from: usize, to: usize) -> u8 {
+    (0xffu32.wrapping_shl(from as u32) & !0xffu32.wrapping_shl(to as u32)) as u8
+}
+
+/// `out` has as many numbers as there are places.
+#[inline(always)]
+unsafe fn store_between4(out: &mut [Fused], from: usize, to: usize, x: __m256d) {
+    unsafe { _mm256_maskstore_pd(out.as_mut_ptr().cast(), places4(from, to), x) }
+}
+
+/// `out` has as many numbers as there are places.
+#[inline(always)]
+unsafe fn store_between8(out: &mut [Fused], from: usize, to: usize, x: __m512d) {
+    unsafe { _mm512_mask_storeu_pd(out.as_mut_ptr().cast(), places8(from, to), x) }
 }
 
 /// `to` has as many numbers as there are lanes from `first` on, at least one.

@@ -1,0 +1,158 @@
+//! Two matrices of the places side by side, so that a product takes the columns of both as those of one.
+
+use super::{Aligned, Places, WIDEST, each_place};
+use phipsi_spatial::Scalar;
+use phipsi_spatial::wide::Wide;
+
+/// Rows by places; of every row the columns of the first matrix, then those of the second. What is zero for every
+/// configuration is never anything else between calls.
+#[derive(Clone, Debug)]
+pub(crate) struct Pair<T> {
+    numbers: Aligned<T>,
+    shape: Shape,
+}
+
+/// Where the numbers of a [`Pair`] are.
+#[derive(Clone, Copy, Debug)]
+struct Shape {
+    /// From a row to the next: an odd number of cache lines.
+    stride: usize,
+    /// Numbers of a row before its first column, for registers that begin before it.
+    lead: usize,
+    /// Empty places before the first one.
+    margin: usize,
+    /// Columns of one matrix.
+    nv: usize,
+}
+
+impl Shape {
+    /// Where the column of a place is in the first matrix; a place may be empty, if a register that begins there is not.
+    #[inline(always)]
+    fn index(&self, row: usize, at: usize) -> usize {
+        row * self.stride + (at + self.lead - self.margin)
+    }
+}
+
+impl<T: Scalar> Pair<T> {
+    /// Zeros.
+    pub(crate) fn new(places: &Places) -> Self {
+        let (lead, margin, nv) = (T::COLUMNS, places.margin, places.count - places.margin);
+        let lines = (lead + 2 * nv).div_ceil(T::COLUMNS);
+        let stride = (lines / 2 * 2 + 1) * T::COLUMNS;
+        let shape = Shape { stride, lead, margin, nv };
+        // More rows, for those that are read from a column on, and for a block that has three at least.
+        Pair { numbers: Aligned::new(stride * (places.count + 3)), shape }
+    }
+    /// No numbers.
+    pub(crate) fn empty() -> Self {
+        Pair { numbers: Aligned::new(0), shape: Shape { stride: 1, lead: 0, margin: 0, nv: 0 } }
+    }
+    /// Access to all rows, for the time of a sweep.
+    #[inline(always)]
+    pub(crate) fn view(&mut self) -> PairView<'_, T> {
+        PairView { shape: self.shape, numbers: &mut self.numbers }
+    }
+    /// Rows from `from` on and before `to`, each from column `column` of both matrices on: as many numbers as a row has.
+    #[inline(always)]
+    pub(crate) fn rows(&self, from: usize, to: usize, column: usize) -> impl Iterator<Item = &[T]> {
+        let (stride, start) = (self.shape.stride, self.shape.lead + column);
+        self.numbers[from * stride + start..to * stride + start].chunks_exact(stride)
+    }
+    /// The same, to be written.
+    #[inline(always)]
+    pub(crate) fn rows_mut(
+        &mut self,
+        from: usize,
+        to: usize,
+        column: usize,
+    ) -> impl Iterator<Item = &mut [T]> {
+        let (stride, start) = (self.shape.stride, self.shape.lead + column);
+        self.numbers[from * stride + start..to * stride + start].chunks_exact_mut(stride)
+    }
+    /// Writes both matrices, to the model's order.
+    #[inline(always)]
+    pub(crate) fn write<W: Wide<T>>(&self, places: &Places, [first, second]: [&mut [T]; 2]) {
+        let (nv, margin) = (self.shape.nv, self.shape.margin);
+        if nv == 0 {
+            return;
+        }
+        let rows = self.rows(margin, places.count, 0);
+        if places.in_order() {
+            let out = first.chunks_exact_mut(nv).zip(second.chunks_exact_mut(nv));
+            for (row, (first, second)) in rows.zip(out) {
+                copy::<T, W>(&row[..nv], first);
+                copy::<T, W>(&row[nv..2 * nv], second);
+            }
+            return;
+        }
+        let dofs = &places.dof[margin..];
+        for (row, &dof) in rows.zip(dofs) {
+            let (first, second) = (&mut first[dof * nv..][..nv], &mut second[dof * nv..][..nv]);
+            for ((&a, &b), &dof) in row[..nv].iter().zip(&row[nv..2 * nv]).zip(dofs) {
+                (first[dof], second[dof]) = (a, b);
+            }
+        }
+    }
+}
+
+/// Copies as many numbers as there are, by registers.
+#[inline(always)]
+fn copy<T: Scalar, W: Wide<T>>(from: &[T], to: &mut [T]) {
+    let (mut from, mut to) = (from.chunks_exact(W::COUNT), to.chunks_exact_mut(W::COUNT));
+    for (from, to) in (&mut from).zip(&mut to) {
+        W::load(from).store(to);
+    }
+    W::load_first(from.remainder()).store_first(to.into_remainder());
+}
+
+/// See [`Pair`].
+pub(crate) struct PairView<'a, T> {
+    shape: Shape,
+    numbers: &'a mut [T],
+}
+
+impl<T: Scalar> PairView<'_, T> {
+    /// A number of each matrix, from registers of one number.
+    #[inline(always)]
+    pub(crate) fn set<W: Wide<T>>(&mut self, row: usize, place: usize, [a, b]: [W; 2]) {
+        let row = &mut self.numbers[self.shape.index(row, place)..][..self.shape.nv + 1];
+        a.store_first(&mut row[..1]);
+        b.store_first(&mut row[self.shape.nv..]);
+    }
+    /// A number of the first matrix.
+    #[inline(always)]
+    pub(crate) fn set_first(&mut self, row: usize, place: usize, x: T) {
+        self.numbers[self.shape.index(row, place)] = x;
+    }
+    /// A register of each matrix, of the columns from place `at` on.
+    #[inline(always)]
+    pub(crate) fn put<W: Wide<T>>(&mut self, row: usize, at: usize, [a, b]: [W; 2]) {
+        let Shape { margin, nv, .. } = self.shape;
+        let row = &mut self.numbers[self.shape.index(row, at)..][..nv + W::COUNT];
+        a.store(&mut row[..]);
+        let second = &mut row[nv..];
+        if at >= margin { b.store(second) } else { b.store_between(margin - at, W::COUNT, second) }
+    }
+    /// Registers of rows from `top` on, of the columns from place `left` on, of the first matrix or the `SECOND`. Of row `top` + i the
+    /// columns before place `ends[i]` are written.
+    #[inline(always)]
+    pub(crate) fn put_tile<W: Wide<T>, const SECOND: bool>(
+        &mut self,
+        (top, left): (usize, usize),
+        tile: [W; WIDEST],
+        ends: &[usize],
+    ) {
+        let Shape { margin, nv, stride, .. } = self.shape;
+        let start = self.shape.index(top, left) + if SECOND { nv } else { 0 };
+        let rows = &mut self.numbers[start..][..(W::COUNT - 1) * stride + W::COUNT];
+        let (hidden, ends) = (margin.saturating_sub(left), &ends[..W::COUNT]);
+        if hidden == 0 && ends[0] >= left + W::COUNT {
+            each_place!(W, I => tile[I].store(&mut rows[I * stride..]));
+            return;
+        }
+        each_place!(W, I => {
+            let end = ends[I].saturating_sub(left).min(W::COUNT);
+            tile[I].store_between(hidden, end, &mut rows[I * stride..]);
+        });
+    }
+}
