@@ -14,7 +14,7 @@ use crate::inverse_dynamics_derivatives::{
     DIAGONAL, DRIFT, FORCE, POSITION_RATE, PSI, ROWS, VELOCITY_RATE, begin_columns,
 };
 use crate::layout::{GROUND, Layout};
-use crate::places::{Aligned, Pair, Places, Table, View, each_place, vector};
+use crate::places::{Aligned, Pair, Places, Table, View, each_place, inside, vector};
 use core::marker::PhantomData;
 use phipsi_spatial::wide::{WIDEST, Wide};
 use phipsi_spatial::{Kernel, Scalar, Vec3, Wrench};
@@ -168,18 +168,18 @@ impl<T: Scalar> Meetings<T> {
         let mut rates = rates.view();
         for joint in passages.inward(places, at, W::COUNT) {
             each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
+                let mut seen = position;
+                if !ALL && joint.inner > joint.first + 1 && columns.own > columns.from {
+                    // Axes of the same joint do not turn each other's force.
+                    let here = view.lane(Table::<T, ROWS>::start(joint.first));
+                    let f = Wrench::new(vector(here.vector(FORCE)), vector(here.vector(FORCE + 3)));
+                    let turned = view.at(at).motion::<W>(AXIS).cross_wrench(f);
+                    seen.moment -= inside(turned.moment, columns.from, columns.own);
+                    seen.force -= inside(turned.force, columns.from, columns.own);
+                }
                 for place in joint.first..joint.inner {
-                    let here = view.lane(Table::<T, ROWS>::start(place));
-                    let axis = here.motion(AXIS);
-                    let mut x = along(&axis, joint.linear, &position);
-                    if !ALL && joint.inner > joint.first + 1 && columns.own > columns.from {
-                        // Axes of the same joint do not turn each other's force.
-                        let f: Wrench<T> = Wrench::new(here.vector(FORCE), here.vector(FORCE + 3));
-                        let f = Wrench::new(vector(f.moment), vector(f.force));
-                        let axes = view.at(at).motion::<W>(AXIS);
-                        x -= along(&axis, joint.linear, &axes.cross_wrench(f))
-                            .between(columns.from, columns.own);
-                    }
+                    let axis = view.lane(Table::<T, ROWS>::start(place)).motion(AXIS);
+                    let x = along(&axis, joint.linear, &seen);
                     let y = along(&axis, joint.linear, &velocity);
                     let both = [columns.outboard::<ALL, _, _>(x), columns.outboard::<ALL, _, _>(y)];
                     rates.put(place, at, both);

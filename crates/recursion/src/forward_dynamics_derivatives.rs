@@ -41,7 +41,11 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
         ForwardDynamicsDerivatives {
             shifts: Shifts::new(layout),
             filter: Filter::new(layout),
-            innovations: Innovations::with_products(layout, &sweeps.places),
+            innovations: Innovations::with_products(
+                layout,
+                &sweeps.places,
+                if falls(layout) { 6 } else { 0 },
+            ),
             sweeps,
             acceleration: vec![T::zero(); layout.nv()],
             flexible: layout.is_flexible().then(|| Box::new(ForwardDynamics::new(layout))),
@@ -159,6 +163,18 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Derive<'_, T> {
         sweeps.run::<false, W>(self.layout);
         let DerivativeSweeps { places, table, .. } = sweeps;
         innovations.update::<W, _>(places, &mut table.view());
+        if falls(self.layout) {
+            // g in the axes of the body, which turn under it.
+            let axes = table.view().at(places.margin).axes();
+            let g = Vec3::constant(self.layout.gravity());
+            let seen = Vec3([axes[0].dot(g), axes[1].dot(g), axes[2].dot(g)]);
+            for j in 0..3 {
+                let rate = seen.cross(Vec3::unit(j));
+                for i in 0..3 {
+                    innovations.set_known(places.margin + 3 + i, places.margin + j, rate.0[i]);
+                }
+            }
+        }
     }
 }
 
@@ -205,6 +221,11 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Solve<'_, T> {
             body.hinge.subtract_turning(&v[body.v..], &mut acceleration[dofs]);
         }
     }
+}
+
+/// True if the first body is free: wherever it is moved, with all that it carries, only its own acceleration changes, as gravity is seen from it.
+fn falls<C: phipsi_spatial::Real>(layout: &Layout<C>) -> bool {
+    layout.bodies().first().is_some_and(|root| matches!(root.hinge, Hinge::Free))
 }
 
 /// −= ∂c/∂v: column j of a joint gets s × δv + δω × b.

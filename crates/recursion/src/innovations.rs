@@ -46,12 +46,12 @@ pub(crate) struct Innovations<T> {
 impl<T: Scalar> Innovations<T> {
     /// A workspace for a layout.
     pub(crate) fn new(layout: &Layout<T::Constant>, places: &Places) -> Self {
-        Self::with(layout, places, Products::new(places, false, false), None)
+        Self::with(layout, places, Products::new(places, false, false, 0), None)
     }
-    /// For products with M⁻¹, too.
-    pub(crate) fn with_products(layout: &Layout<T::Constant>, places: &Places) -> Self {
+    /// For products with M⁻¹, too, whose first columns may be `known` without it.
+    pub(crate) fn with_products(layout: &Layout<T::Constant>, places: &Places, known: usize) -> Self {
         let columns = ColumnSweeps::new(layout, places);
-        Self::with(layout, places, Products::new(places, columns.is_none(), true), columns)
+        Self::with(layout, places, Products::new(places, columns.is_none(), true, known), columns)
     }
     fn with(
         layout: &Layout<T::Constant>,
@@ -72,6 +72,10 @@ impl<T: Scalar> Innovations<T> {
     #[inline(always)]
     pub(crate) fn gains(&mut self) -> Gains<'_, T> {
         Gains { gains: self.gains.view(), inverses: &mut self.inverse }
+    }
+    /// Sets a number of the known columns: a row, and a column, by places, of the first matrix.
+    pub(crate) fn set_known(&mut self, row: usize, column: usize, x: T) {
+        self.products.solution.view().set_first(row, column, x);
     }
     /// L of the gains, and of the bodies of the same configuration, in the axes of the ground. Cost O(n · depth), no allocation.
     #[inline(always)]

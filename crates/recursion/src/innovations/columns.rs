@@ -106,11 +106,11 @@ impl<T: Scalar> Innovations<T> {
         out: [&mut [T]; 2],
     ) {
         let Innovations { columns, gains, inverse, passages, products, .. } = self;
-        let solution = &mut products.solution;
+        let (solution, known) = (&mut products.solution, products.known);
         let Some(columns) = columns else { return };
         // Four registers hold 24 numbers: only AVX-512 has names for as many.
         let wide = size_of::<W>() >= 64;
-        let (mut column, end) = (0, 2 * (places.count - places.margin));
+        let (mut column, end) = (known, 2 * (places.count - places.margin));
         while column < end {
             if wide && column + 2 * W::COUNT < end {
                 inward::<T, W, N, SIDE>(layout, places, bodies, gains, passages, columns, b, column);
@@ -293,6 +293,6 @@ impl<T: Scalar> Innovations<T> {
     /// By sweeps or by products, whichever takes less time.
     pub(crate) fn choose(&mut self, layout: &Layout<T::Constant>, places: &Places, sweeps: bool) {
         self.columns = sweeps.then(|| ColumnSweeps::always(layout, places));
-        self.products = super::Products::new(places, !sweeps, true);
+        self.products = super::Products::new(places, !sweeps, true, self.products.known);
     }
 }

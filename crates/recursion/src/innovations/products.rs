@@ -29,6 +29,8 @@ pub(super) struct Products<T> {
     inverse: Aligned<T>,
     /// −M⁻¹ B.
     pub(super) solution: Pair<T>,
+    /// Columns at its beginning that are not of products.
+    pub(super) known: usize,
 }
 
 /// Columns of two matrices that are taken together.
@@ -83,8 +85,8 @@ const fn rows_of_inverse<T: Scalar>() -> usize {
 }
 
 impl<T: Scalar> Products<T> {
-    /// For M⁻¹, for products with it if `solves`, and with room for a `solution` of those or of sweeps.
-    pub(super) fn new(places: &Places, solves: bool, solution: bool) -> Self {
+    /// For M⁻¹, for products with it if `solves`, and with room for a `solution` of those or of sweeps, whose first columns may be `known`.
+    pub(super) fn new(places: &Places, solves: bool, solution: bool, known: usize) -> Self {
         let (count, margin) = (places.count, places.margin);
         // The first place of a place's joint, and one past the last place outboard.
         let mut joint: Vec<(usize, usize)> = (0..count).map(|p| (p, p)).collect();
@@ -93,10 +95,11 @@ impl<T: Scalar> Products<T> {
         }
         let inboard_of = |c: usize, p: usize| joint[c].0 <= p && p < joint[c].1;
         let nv = count - margin;
-        let registers = if solves { (2 * nv).div_ceil(T::COLUMNS) } else { 0 };
+        let registers = if solves { (2 * nv - known).div_ceil(T::COLUMNS) } else { 0 };
         let near: Vec<Vec<bool>> = (0..registers)
             .map(|register| {
-                let columns = register * T::COLUMNS..(2 * nv).min((register + 1) * T::COLUMNS);
+                let first = known + register * T::COLUMNS;
+                let columns = first..(2 * nv).min(first + T::COLUMNS);
                 let own: Vec<usize> = columns.map(|c| margin + c % nv).collect();
                 (0..count).map(|c| own.iter().any(|&p| inboard_of(c, p) || inboard_of(p, c))).collect()
             })
@@ -106,7 +109,7 @@ impl<T: Scalar> Products<T> {
             .map(|(first, registers)| {
                 let own = &near[first..first + registers];
                 let related = ranges(count, |c| own.iter().any(|near| near[c]));
-                Panel { column: first * T::COLUMNS, registers, related }
+                Panel { column: known + first * T::COLUMNS, registers, related }
             })
             .collect();
         let rows = rows_of_inverse::<T>();
@@ -117,7 +120,7 @@ impl<T: Scalar> Products<T> {
         let kept = solves || !places.in_order();
         let inverse = Aligned::new(if kept { places.stride * (count + 1) } else { 0 });
         let solution = if solution { Pair::new(places) } else { Pair::empty() };
-        Products { panels, inboard: inboard.collect(), inverse, solution }
+        Products { panels, inboard: inboard.collect(), inverse, solution, known }
     }
 }
 
