@@ -16,6 +16,7 @@ use crate::inverse_dynamics_derivatives::{
 use crate::layout::{GROUND, Layout};
 use crate::places::{Aligned, Pair, Places, Table, View, each_place, inside, vector};
 use core::marker::PhantomData;
+use core::ops::Range;
 use phipsi_spatial::wide::{WIDEST, Wide};
 use phipsi_spatial::{Kernel, Scalar, Vec3, Wrench};
 
@@ -36,15 +37,15 @@ pub(crate) struct Meetings<T> {
     pub(crate) rates: Pair<T>,
     /// M, above the diagonal.
     pub(crate) d_da: Aligned<T>,
-    /// Below the diagonal, turned over: row p has what the rows of the columns outboard see of joint p, of ∂T/∂q, then of ∂T/∂v.
-    /// Empty where columns are one number wide.
+    /// Below the diagonal, turned over: row p has what the rows of the columns outboard see of joint p. By panels of [`Scalar::COLUMNS`]
+    /// columns: rows of ∂T/∂q and, beside them, of ∂T/∂v. Empty where columns are one number wide.
     turned: Aligned<T>,
     passages: Passages,
 }
 
 impl<T: Scalar> Meetings<T> {
     pub(crate) fn new(layout: &Layout<T::Constant>, places: &Places) -> Self {
-        let turned = if T::COLUMNS > 1 { 2 * places.stride * places.count } else { 0 };
+        let turned = if T::COLUMNS > 1 { 2 * places.count * places.count } else { 0 };
         Meetings {
             rates: Pair::new(places),
             d_da: places.zeros(),
@@ -112,16 +113,16 @@ impl<T: Scalar> Meetings<T> {
         mut gyroscopic: Vec3<W>,
     ) {
         let Meetings { rates, d_da, turned, passages } = self;
-        let ([d_da, turned], mut rates, s): ([&mut [T]; 2], _, usize) =
-            ([d_da, turned], rates.view(), places.stride);
+        let (d_da, mut rates, s): (&mut [T], _, usize) = (d_da, rates.view(), places.stride);
+        let panel: &mut [T] = if W::COUNT > 1 { &mut turned[panel(places, at, T::COLUMNS)] } else { &mut [] };
+        let lane = at & (T::COLUMNS - W::COUNT.min(T::COLUMNS));
         for joint in passages.inward(places, at, W::COUNT) {
             each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
                 for place in joint.first..joint.inner.min(at + W::COUNT) {
                     let here = view.lane(Table::<T, ROWS>::start(place));
-                    let row = place * s + at;
                     if TURNING {
                         let x = along(&here.motion(AXIS), joint.linear, &inertia);
-                        columns.outboard::<ALL, _, _>(x).store(&mut d_da[row..]);
+                        columns.outboard::<ALL, _, _>(x).store(&mut d_da[place * s + at..]);
                     }
                     if !ALL && columns.own == columns.to {
                         // All columns are the joint's own.
@@ -139,9 +140,9 @@ impl<T: Scalar> Meetings<T> {
                     if W::COUNT == 1 {
                         rates.set(at, place, [position, velocity]);
                     } else {
-                        let turned = &mut turned[row + place * s..][..s + W::COUNT];
-                        columns.outboard::<ALL, _, _>(position).store(turned);
-                        columns.outboard::<ALL, _, _>(velocity).store(&mut turned[s..]);
+                        let row = &mut panel[place * 2 * T::COLUMNS..][..2 * T::COLUMNS];
+                        columns.outboard::<ALL, _, _>(position).store(&mut row[lane..]);
+                        columns.outboard::<ALL, _, _>(velocity).store(&mut row[T::COLUMNS + lane..]);
                     }
                 }
                 if joint.parent != GROUND {
@@ -205,12 +206,19 @@ impl<T: Scalar> Meetings<T> {
         while left < places.count {
             let (mut top, end) = (left, places.outboard_end(left, W::COUNT));
             while top < end {
+                let lane = top & (T::COLUMNS - W::COUNT.min(T::COLUMNS));
+                let rows = &turned[panel(places, top, T::COLUMNS)][left * 2 * T::COLUMNS..];
+                let rows = &rows[..W::COUNT * 2 * T::COLUMNS];
+                let mut tiles = [[W::zero(); WIDEST]; 2];
+                each_place!(W, I => {
+                    let row = &rows[..W::COUNT * 2 * T::COLUMNS][I * 2 * T::COLUMNS..][..2 * T::COLUMNS];
+                    tiles[0][I] = W::load(&row[lane..]);
+                    tiles[1][I] = W::load(&row[T::COLUMNS + lane..]);
+                });
+                W::transpose(&mut tiles[0]);
+                W::transpose(&mut tiles[1]);
                 // Of every row what lies inboard of its joint.
-                let ends = passages.first(top..top + W::COUNT);
-                let rows = &turned[2 * left * places.stride + top..];
-                rates.put_tile::<W, false>((top, left), turned_over::<T, W>(rows, places.stride), ends);
-                let rows = &rows[places.stride..];
-                rates.put_tile::<W, true>((top, left), turned_over::<T, W>(rows, places.stride), ends);
+                rates.put_tiles((top, left), tiles, passages.first(top..top + W::COUNT));
                 top += W::COUNT;
             }
             left += W::COUNT;
@@ -218,12 +226,9 @@ impl<T: Scalar> Meetings<T> {
     }
 }
 
-/// Every other one of some rows, of `s` numbers each, turned over.
+/// Where the panel of the columns around place `at` lies, two numbers a place.
 #[inline(always)]
-fn turned_over<T: Scalar, W: Wide<T>>(rows: &[T], s: usize) -> [W; WIDEST] {
-    let rows = &rows[..2 * (W::COUNT - 1) * s + W::COUNT];
-    let mut tile = [W::zero(); WIDEST];
-    each_place!(W, I => tile[I] = W::load(&rows[2 * I * s..]));
-    W::transpose(&mut tile);
-    tile
+fn panel(places: &Places, at: usize, columns: usize) -> Range<usize> {
+    let size = places.count * 2 * columns;
+    at / columns * size..(at / columns + 1) * size
 }

@@ -133,26 +133,34 @@ impl<T: Scalar> PairView<'_, T> {
         let second = &mut row[nv..];
         if at >= margin { b.store(second) } else { b.store_between(margin - at, W::COUNT, second) }
     }
-    /// Registers of rows from `top` on, of the columns from place `left` on, of the first matrix or the `SECOND`. Of row `top` + i the
-    /// columns before place `ends[i]` are written.
+    /// Registers of both matrices, of rows from `top` on and of the columns from place `left` on. Of row `top` + i the columns
+    /// before place `ends[i]` are written.
     #[inline(always)]
-    pub(crate) fn put_tile<W: Wide<T>, const SECOND: bool>(
+    pub(crate) fn put_tiles<W: Wide<T>>(
         &mut self,
         (top, left): (usize, usize),
-        tile: [W; WIDEST],
+        [a, b]: [[W; WIDEST]; 2],
         ends: &[usize],
     ) {
         let Shape { margin, nv, stride, .. } = self.shape;
-        let start = self.shape.index(top, left) + if SECOND { nv } else { 0 };
-        let rows = &mut self.numbers[start..][..(W::COUNT - 1) * stride + W::COUNT];
         let (hidden, ends) = (margin.saturating_sub(left), &ends[..W::COUNT]);
+        let start = self.shape.index(top, left);
+        let mut rows = self.numbers[start..][..W::COUNT * stride].chunks_exact_mut(stride);
         if hidden == 0 && ends[0] >= left + W::COUNT {
-            each_place!(W, I => tile[I].store(&mut rows[I * stride..]));
+            each_place!(W, I => {
+                let Some(row) = rows.next() else { return };
+                let row = &mut row[..nv + W::COUNT];
+                a[I].store(&mut row[..W::COUNT]);
+                b[I].store(&mut row[nv..]);
+            });
             return;
         }
         each_place!(W, I => {
             let end = ends[I].saturating_sub(left).min(W::COUNT);
-            tile[I].store_between(hidden, end, &mut rows[I * stride..]);
+            let Some(row) = rows.next() else { return };
+            let row = &mut row[..nv + W::COUNT];
+            a[I].store_between(hidden, end, &mut row[..W::COUNT]);
+            b[I].store_between(hidden, end, &mut row[nv..]);
         });
     }
 }
