@@ -472,8 +472,9 @@ pub(crate) fn along<T: Scalar, W: Wide<T>>(axis: &Motion<T>, linear: bool, f: &W
     if !linear {
         return sum;
     }
+    // A sum of its own: both wait for one addition.
     let ([x, y, z], [u, v, w]) = (axis.linear.0, f.force.0);
-    u.fma(W::broadcast(x), v.fma(W::broadcast(y), w.fma(W::broadcast(z), sum)))
+    sum + u.fma(W::broadcast(x), v.fma(W::broadcast(y), w * W::broadcast(z)))
 }
 
 /// A table with these rows and others.
