@@ -103,7 +103,7 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
         });
         gather_composites(layout, places, view);
         spread::<_, W, ROWS>(layout, places, view, COMPOSITE..ROWS);
-        if !places.all_related() {
+        if !places.all_related() && !places.has_all_tiles(W::COUNT) {
             clear::<_, W>(out);
         }
         let mut at = Places::group(places.margin, W::COUNT);

@@ -40,6 +40,8 @@ pub(crate) struct Places {
     outboard: Vec<usize>,
     /// The same of registers of 1, 2, 4 and 8 places, one after the other.
     outboard_of_registers: [Vec<usize>; 4],
+    /// See [`Places::has_all_tiles`], for the same registers.
+    all_tiles: [bool; 4],
     /// True if of every two bodies one is outboard of the other.
     all_related: bool,
     /// True if the model's order is that of the places.
@@ -64,9 +66,14 @@ impl Places {
         }
         let all_related = end.iter().all(|&end| end == count);
         let in_order = (0..nv).all(|i| dof[margin + i] == i);
-        let outboard_of_registers = [1, 2, 4, WIDEST].map(|width| {
+        let widths = [1, 2, 4, WIDEST];
+        let outboard_of_registers: [Vec<usize>; 4] = widths.map(|width| {
             outboard.chunks(width).map(|ends| ends.iter().copied().fold(0, usize::max)).collect()
         });
+        let reaches = |(ends, width): (&Vec<usize>, usize)| {
+            (margin / width..ends.len()).all(|group| ends[group] == count || group + 1 == ends.len())
+        };
+        let all_tiles = [0, 1, 2, 3].map(|i| reaches((&outboard_of_registers[i], widths[i])));
         Places {
             first,
             end,
@@ -76,6 +83,7 @@ impl Places {
             dof,
             outboard,
             outboard_of_registers,
+            all_tiles,
             all_related,
             in_order,
         }
@@ -102,6 +110,12 @@ impl Places {
     /// Pairs of a degree of freedom with one that is not inboard of it.
     pub(crate) fn pairs(&self) -> usize {
         (0..self.first.len()).map(|k| (self.end[k] - self.first[k]) * self.own(k).len()).sum()
+    }
+    /// True if tiles of registers of `width`, each with a degree of freedom and one outboard of it, are all tiles on and above the
+    /// diagonal, and the model's order is that of the places.
+    #[inline(always)]
+    pub(crate) fn has_all_tiles(&self, width: usize) -> bool {
+        self.in_order && self.all_tiles[width.trailing_zeros() as usize & 3]
     }
     /// A matrix of zeros.
     pub(crate) fn zeros<T: Scalar>(&self) -> Aligned<T> {

@@ -4,9 +4,9 @@ use crate::common::{FACTOR, growth, seeds, steps};
 use phipsi_model::{Body, Inertia, Joint, JointKind, ModelBuilder, Placement};
 use phipsi_recursion::articulated_sweep::SolveWorkspace;
 use phipsi_recursion::{
-    About, ArticulatedSweep, Kinematics, Layout, bias_forces, forward_dynamics, forward_info,
-    inverse_dynamics, kinetic_energy, mass_matrix, mass_matrix_inverse, momentum, multiply_by_mass_matrix,
-    potential_energy,
+    About, ArticulatedSweep, ForwardDynamicsDerivatives, InverseDynamicsDerivatives, Kinematics, Layout,
+    MassMatrix, MassMatrixInverse, bias_forces, forward_dynamics, forward_info, inverse_dynamics,
+    kinetic_energy, mass_matrix, mass_matrix_inverse, momentum, multiply_by_mass_matrix, potential_energy,
 };
 use phipsi_reference::generate::{Case, case, rebuilt};
 use phipsi_reference::sensitivity::widened;
@@ -392,4 +392,24 @@ fn a_hand_calculation() {
     let a = forward_dynamics(&layout, &[0.7, angle], &[0.0, 0.0], &[3.0, 0.0], None).unwrap();
     assert!((a[0] - 1.5).abs() <= 4.0 * f64::EPSILON);
     assert!((a[1] + 9.81 / l * angle.sin()).abs() <= 20.0 * f64::EPSILON);
+}
+
+/// Every number of a result is written, whatever was there.
+#[test]
+fn matrices_are_written_whole() {
+    for seed in seeds(CASES) {
+        let case = case(seed);
+        let (layout, nv) = (Layout::<f64>::new(&case.model), case.model.nv());
+        let (q, v, x) = (&case.q[..], &case.v[..], &case.tau[..]);
+        let filled = |y: f64| {
+            let mut out = vec![vec![y; nv * nv]; 8];
+            let [a, b, c, d, e, f, g, h] = &mut out[..] else { unreachable!("eight matrices") };
+            MassMatrix::new(&layout).run(&layout, q, a).unwrap();
+            MassMatrixInverse::new(&layout).run(&layout, q, b).unwrap();
+            InverseDynamicsDerivatives::new(&layout).run(&layout, q, v, x, None, c, d, e).unwrap();
+            ForwardDynamicsDerivatives::new(&layout).run(&layout, q, v, x, None, f, g, h).unwrap();
+            out
+        };
+        assert_eq!(filled(f64::NAN), filled(0.0), "PHIPSI_SEED={seed}");
+    }
 }
