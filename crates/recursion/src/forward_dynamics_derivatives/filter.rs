@@ -15,9 +15,9 @@ use phipsi_spatial::{ArticulatedInertia, Motion, Real, Scalar, Wrench};
 /// P and z of an eliminated body, about its parent's origin.
 type Moved<T> = (ArticulatedInertia<T>, Wrench<T>);
 
-/// A D below this multiple of rounding, against the inertia that it is a sum of, may be rounding alone: an axis that was turned
-/// into those of the ground does not find an exact zero again.
-const ROUNDING: f64 = 4.0;
+/// A D below this multiple of ε, against the inertia that it is a sum of, may be rounding alone: an axis that was turned into those of the
+/// ground does not find an exact zero again. At most ten roundings turn an inertia, and six take its components along an axis.
+const ROUNDING: f64 = 16.0;
 
 /// What the filter keeps.
 #[derive(Clone, Debug)]
