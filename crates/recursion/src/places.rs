@@ -126,50 +126,43 @@ impl Places {
     pub(crate) fn group(at: usize, width: usize) -> usize {
         at - at % width
     }
-    /// Writes a group of row `row`, from column `at` on, to the model's matrix.
-    #[inline(always)]
-    pub(crate) fn write<T: Scalar, W: Wide<T>>(&self, row: usize, at: usize, x: W, out: &mut [T]) {
-        let (nv, margin) = (self.count - self.margin, self.margin);
-        if row < margin || at + W::COUNT <= margin {
-            return;
-        }
-        if self.in_order {
-            let start = (row - margin) * nv;
-            if at >= margin {
-                x.store(&mut out[start + at - margin..][..W::COUNT]);
-            } else {
-                x.store_from(margin - at, &mut out[start..][..at + W::COUNT - margin]);
-            }
-            return;
-        }
-        if W::COUNT == 1 {
-            x.store(&mut out[self.dof[row] * nv + self.dof[at]..]);
-            return;
-        }
-        let mut numbers = [T::zero(); WIDEST];
-        x.store(&mut numbers);
-        let out = &mut out[self.dof[row] * nv..][..nv];
-        let skip = margin.saturating_sub(at);
-        for (x, &dof) in numbers.iter().zip(&self.dof[at..at + W::COUNT]).skip(skip) {
-            out[dof] = *x;
-        }
-    }
-    /// True if the model's order is that of the places.
-    #[inline(always)]
-    pub(crate) fn in_order(&self) -> bool {
-        self.in_order
-    }
-    /// Writes a whole matrix.
+    /// Writes a whole matrix, to the model's order.
     #[inline(always)]
     pub(crate) fn write_all<T: Scalar, W: Wide<T>>(&self, matrix: &[T], out: &mut [T]) {
-        for row in self.margin..self.count {
-            let mut at = Self::group(self.margin, W::COUNT);
-            while at < self.count {
-                self.write(row, at, W::load(&matrix[row * self.stride + at..]), out);
-                at += W::COUNT;
+        let rows = matrix[self.margin * self.stride..self.count * self.stride].chunks_exact(self.stride);
+        self.write_rows::<T, W>(rows.map(|row| &row[self.margin..]), out);
+    }
+    /// Writes a matrix, to the model's order, given the rows of its places, each from its first column on.
+    #[inline(always)]
+    pub(crate) fn write_rows<'a, T: Scalar, W: Wide<T>>(
+        &self,
+        rows: impl Iterator<Item = &'a [T]>,
+        out: &mut [T],
+    ) {
+        let (nv, dofs) = (self.count - self.margin, &self.dof[self.margin..]);
+        if nv > 0 && self.in_order {
+            for (row, out) in rows.zip(out.chunks_exact_mut(nv)) {
+                copy::<T, W>(&row[..nv], out);
+            }
+            return;
+        }
+        for (row, &dof) in rows.zip(dofs) {
+            let out = &mut out[dof * nv..][..nv];
+            for (&x, &dof) in row[..nv].iter().zip(dofs) {
+                out[dof] = x;
             }
         }
     }
+}
+
+/// Copies as many numbers as there are, by registers.
+#[inline(always)]
+fn copy<T: Scalar, W: Wide<T>>(from: &[T], to: &mut [T]) {
+    let (mut from, mut to) = (from.chunks_exact(W::COUNT), to.chunks_exact_mut(W::COUNT));
+    for (from, to) in (&mut from).zip(&mut to) {
+        W::load(from).store(to);
+    }
+    W::load_first(from.remainder()).store_first(to.into_remainder());
 }
 
 /// Copies the upper triangle of a matrix of `n` rows to the lower one, in tiles.

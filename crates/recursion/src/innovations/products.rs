@@ -25,7 +25,7 @@ pub(super) struct Products<T> {
     panels: Vec<Panel>,
     /// For every group of rows of M⁻¹: places on their ways.
     inboard: Vec<Ranges>,
-    /// M⁻¹, by places, where it is read again, and a row more, for rows that are read from a column on.
+    /// M⁻¹, by places, and a row more, for rows that are read from a column on.
     inverse: Aligned<T>,
     /// −M⁻¹ B.
     pub(super) solution: Pair<T>,
@@ -117,8 +117,7 @@ impl<T: Scalar> Products<T> {
             let rows = row.max(margin)..row + rows;
             ranges(count, |c| rows.clone().any(|r| inboard_of(c, r)))
         });
-        let kept = solves || !places.in_order();
-        let inverse = Aligned::new(if kept { places.stride * (count + 1) } else { 0 });
+        let inverse = Aligned::new(places.stride * (count + 1));
         let solution = if solution { Pair::new(places) } else { Pair::empty() };
         Products { panels, inboard: inboard.collect(), inverse, solution, known }
     }
@@ -144,18 +143,16 @@ impl<T: Scalar> Innovations<T> {
                     let mut tile = [W::zero(); WIDEST];
                     each_place!(W, I => tile[I] = sums[part * W::COUNT + I]);
                     if top == at {
-                        put_tile::<T, W, true>(places, tile, top, at, inverse, out);
+                        put_tile::<T, W, true>(tile, (top, at, s), inverse);
                     } else if top < at && top + W::COUNT > places.margin {
-                        put_tile::<T, W, false>(places, tile, top, at, inverse, out);
+                        put_tile::<T, W, false>(tile, (top, at, s), inverse);
                     }
                 }
                 row += rows;
             }
             at += W::COUNT;
         }
-        if !places.in_order() {
-            places.write_all::<T, W>(inverse, out);
-        }
+        places.write_all::<T, W>(inverse, out);
     }
     /// −M⁻¹ B for two matrices B, to the model's order, after [`Innovations::inverse_mass_matrix`].
     #[inline(always)]
@@ -265,29 +262,26 @@ fn tile<T: Scalar, W: Wide<T>>(
     sums
 }
 
-/// Puts a tile above the diagonal, or on it, where M⁻¹ has it, and the same turned over.
+/// Puts a tile above the diagonal, or on it, into M⁻¹, whose rows have `s` numbers, and the same turned over.
 #[inline(always)]
 fn put_tile<T: Scalar, W: Wide<T>, const DIAGONAL: bool>(
-    places: &Places,
     tile: [W; WIDEST],
-    top: usize,
-    at: usize,
+    (top, at, s): (usize, usize, usize),
     inverse: &mut [T],
-    out: &mut [T],
 ) {
-    let s = places.stride;
     let mut below = tile;
     W::transpose(&mut below);
-    if !inverse.is_empty() {
+    if !DIAGONAL {
+        let mut rows = inverse[top * s..(top + W::COUNT) * s].chunks_exact_mut(s);
         each_place!(W, I => {
-            if !DIAGONAL {
-                tile[I].store(&mut inverse[(top + I) * s + at..]);
-            }
-            let x = if DIAGONAL { below[I].up_to(I, tile[I]) } else { below[I] };
-            x.store(&mut inverse[(at + I) * s + top..]);
+            let Some(row) = rows.next() else { return };
+            tile[I].store(&mut row[at..]);
         });
     }
-    if places.in_order() {
-        places.write_tile::<T, W, DIAGONAL>(tile, top, at, out);
-    }
+    let mut rows = inverse[at * s..(at + W::COUNT) * s].chunks_exact_mut(s);
+    each_place!(W, I => {
+        let Some(row) = rows.next() else { return };
+        let x = if DIAGONAL { below[I].up_to(I, tile[I]) } else { below[I] };
+        x.store(&mut row[top..]);
+    });
 }

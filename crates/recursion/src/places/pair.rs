@@ -72,37 +72,9 @@ impl<T: Scalar> Pair<T> {
     /// Writes both matrices, to the model's order.
     #[inline(always)]
     pub(crate) fn write<W: Wide<T>>(&self, places: &Places, [first, second]: [&mut [T]; 2]) {
-        let (nv, margin) = (self.shape.nv, self.shape.margin);
-        if nv == 0 {
-            return;
-        }
-        let rows = self.rows(margin, places.count, 0);
-        if places.in_order() {
-            let out = first.chunks_exact_mut(nv).zip(second.chunks_exact_mut(nv));
-            for (row, (first, second)) in rows.zip(out) {
-                copy::<T, W>(&row[..nv], first);
-                copy::<T, W>(&row[nv..2 * nv], second);
-            }
-            return;
-        }
-        let dofs = &places.dof[margin..];
-        for (row, &dof) in rows.zip(dofs) {
-            let (first, second) = (&mut first[dof * nv..][..nv], &mut second[dof * nv..][..nv]);
-            for ((&a, &b), &dof) in row[..nv].iter().zip(&row[nv..2 * nv]).zip(dofs) {
-                (first[dof], second[dof]) = (a, b);
-            }
-        }
+        places.write_rows::<T, W>(self.rows(places.margin, places.count, 0), first);
+        places.write_rows::<T, W>(self.rows(places.margin, places.count, self.shape.nv), second);
     }
-}
-
-/// Copies as many numbers as there are, by registers.
-#[inline(always)]
-fn copy<T: Scalar, W: Wide<T>>(from: &[T], to: &mut [T]) {
-    let (mut from, mut to) = (from.chunks_exact(W::COUNT), to.chunks_exact_mut(W::COUNT));
-    for (from, to) in (&mut from).zip(&mut to) {
-        W::load(from).store(to);
-    }
-    W::load_first(from.remainder()).store_first(to.into_remainder());
 }
 
 /// See [`Pair`].
