@@ -13,7 +13,7 @@ use crate::flexible::{Map, derivatives};
 use crate::forward_dynamics::ForwardDynamics;
 use crate::hinge::Hinge;
 use crate::innovations::Innovations;
-use crate::inverse_dynamics_derivatives::{DerivativeSweeps, accelerate_outboard};
+use crate::inverse_dynamics_derivatives::{DerivativeSweeps, accelerate_outboard, check_arguments};
 use crate::layout::{Layout, Shifts};
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{Scalar, Vec3, Wrench};
@@ -86,25 +86,14 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
         d_dv: &mut [T],
         d_dtau: &mut [T],
     ) -> Result<(), DynamicsError> {
-        layout.check_closures()?;
-        let nv = layout.nv();
-        check_length("q", q, layout.nq())?;
-        check_length("v", v, nv)?;
-        check_length("tau", tau, nv)?;
-        check_length("d_dq", d_dq, nv * nv)?;
-        check_length("d_dv", d_dv, nv * nv)?;
-        check_length("d_dtau", d_dtau, nv * nv)?;
-        check_length("workspace", &self.acceleration, nv)?;
+        check_arguments(layout, (q, v, ("tau", tau)), wrenches, (d_dq, d_dv, ("d_dtau", d_dtau)))?;
+        check_length("workspace", &self.acceleration, layout.nv())?;
         if layout.is_flexible() {
-            let acceleration = &mut self.acceleration;
-            let mut once = || Box::new(ForwardDynamics::new(layout));
-            self.flexible.get_or_insert_with(&mut once).run(layout, q, v, tau, wrenches, acceleration)?;
+            let forward = self.flexible.get_or_insert_with(|| Box::new(ForwardDynamics::new(layout)));
+            forward.run(layout, q, v, tau, wrenches, &mut self.acceleration)?;
             return derivatives(Map::Forward, layout, (q, v, tau), wrenches, (d_dq, d_dv, d_dtau));
         }
         check_length("workspace", &self.sweeps.places.first, layout.len())?;
-        if let Some(wrenches) = wrenches {
-            check_length("wrenches", wrenches, layout.model_bodies())?;
-        }
         self.sweeps.load(layout, wrenches);
         self.acceleration.copy_from_slice(tau);
         let (q, v, d_dtau) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic_mut(d_dtau));
@@ -223,7 +212,8 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Solve<'_, T> {
     }
 }
 
-/// True if the first body is free: wherever it is moved, with all that it carries, only its own acceleration changes, as gravity is seen from it.
+/// True if the first body is free: wherever it is moved, with all that it carries, only its own acceleration changes, as
+/// gravity is seen from it.
 fn falls<C: phipsi_spatial::Real>(layout: &Layout<C>) -> bool {
     layout.bodies().first().is_some_and(|root| matches!(root.hinge, Hinge::Free))
 }

@@ -111,19 +111,9 @@ impl<T: Scalar> InverseDynamicsDerivatives<T> {
         d_dv: &mut [T],
         d_da: &mut [T],
     ) -> Result<(), DynamicsError> {
-        layout.check_closures()?;
-        let nv = layout.nv();
-        check_length("q", q, layout.nq())?;
-        check_length("v", v, nv)?;
-        check_length("a", a, nv)?;
-        check_length("d_dq", d_dq, nv * nv)?;
-        check_length("d_dv", d_dv, nv * nv)?;
-        check_length("d_da", d_da, nv * nv)?;
+        check_arguments(layout, (q, v, ("a", a)), wrenches, (d_dq, d_dv, ("d_da", d_da)))?;
         if !layout.is_flexible() {
             check_length("workspace", &self.sweeps.places.first, layout.len())?;
-        }
-        if let Some(wrenches) = wrenches {
-            check_length("wrenches", wrenches, layout.model_bodies())?;
         }
         if layout.is_flexible() {
             return derivatives(Map::Inverse, layout, (q, v, a), wrenches, (d_dq, d_dv, d_da));
@@ -135,6 +125,25 @@ impl<T: Scalar> InverseDynamicsDerivatives<T> {
         T::Arithmetic::dispatch_wide(Derive { shifts, sweeps, layout, q, v, a, out });
         Ok(())
     }
+}
+
+/// Refuses closures and wrong lengths; the last argument, and the derivative by it, have names of their own.
+#[allow(clippy::type_complexity)] // two names beside their numbers
+pub(crate) fn check_arguments<T: Scalar>(
+    layout: &Layout<T::Constant>,
+    (q, v, (last, x)): (&[T], &[T], (&'static str, &[T])),
+    wrenches: Option<&[Wrench<T>]>,
+    (d_dq, d_dv, (d_last, d_dx)): (&[T], &[T], (&'static str, &[T])),
+) -> Result<(), DynamicsError> {
+    layout.check_closures()?;
+    let nv = layout.nv();
+    check_length("q", q, layout.nq())?;
+    check_length("v", v, nv)?;
+    check_length(last, x, nv)?;
+    check_length("d_dq", d_dq, nv * nv)?;
+    check_length("d_dv", d_dv, nv * nv)?;
+    check_length(d_last, d_dx, nv * nv)?;
+    wrenches.map_or(Ok(()), |wrenches| check_length("wrenches", wrenches, layout.model_bodies()))
 }
 
 struct Derive<'a, T: Scalar> {

@@ -11,9 +11,11 @@ use phipsi_spatial::wide::{WIDEST, Wide};
 
 /// Registers side by side in a panel, at most.
 const SIDE: usize = 4;
-/// What a term costs beside its multiplications, in those of a register.
+/// What a term costs beside its multiplications (loads, a turn of the loop), in those of a register: an estimate. On a binary tree
+/// of 63 bodies derivatives of forward dynamics took a quarter less time than with panels of three and four registers throughout.
 const OVERHEAD: f64 = 0.75;
-/// Rows of a product that are summed up at once, at most.
+/// Rows of a product that are summed up at once, at most: with [`SIDE`] registers 24 of the 32 names that AVX-512 has, with two
+/// 12 of AVX2's 16.
 const MOST_ROWS: usize = 6;
 
 /// Ranges of places.
@@ -56,8 +58,8 @@ fn ranges(count: usize, near: impl Fn(usize) -> bool) -> Ranges {
     ranges
 }
 
-/// Registers in panels of at most [`SIDE`], given what is near each: the first register of every panel and how many it has. Wide panels take
-/// each term of the product for several registers, narrow ones leave out more terms.
+/// Registers in panels of at most [`SIDE`], given what is near each: the first register of every panel and how many it has. Wide
+/// panels take each term of the product for several registers, narrow ones leave out more terms.
 fn cheapest_panels(near: &[Vec<bool>]) -> Vec<(usize, usize)> {
     let terms = |own: &[Vec<bool>]| (0..own[0].len()).filter(|&c| own.iter().any(|near| near[c])).count();
     // Of the registers before each: the least cost, and the last panel.
@@ -85,7 +87,8 @@ const fn rows_of_inverse<T: Scalar>() -> usize {
 }
 
 impl<T: Scalar> Products<T> {
-    /// For M⁻¹, for products with it if `solves`, and with room for a `solution` of those or of sweeps, whose first columns may be `known`.
+    /// For M⁻¹, for products with it if `solves`, and with room for a `solution` of those or of sweeps, whose first columns may
+    /// be `known`.
     pub(super) fn new(places: &Places, solves: bool, solution: bool, known: usize) -> Self {
         let (count, margin) = (places.count, places.margin);
         // The first place of a place's joint, and one past the last place outboard.
