@@ -320,11 +320,27 @@ unsafe fn flip(x: __m512d, sign: __m512i) -> __m512d {
     unsafe { _mm512_castsi512_pd(_mm512_xor_si512(_mm512_castpd_si512(x), sign)) }
 }
 
+/// Windows of these are masks: read, a mask costs one instruction, where one that is compared becomes a dozen once a loop keeps it.
+static BEFORE: [u64; 12] = [0, 0, 0, 0, !0, !0, !0, !0, 0, 0, 0, 0];
+static ONE: [u64; 9] = [0, 0, 0, 0, !0, 0, 0, 0, 0];
+
+/// All bits set in the lanes before `lane`.
+#[inline(always)]
+unsafe fn before4(lane: usize) -> __m256d {
+    unsafe { _mm256_loadu_pd(BEFORE.as_ptr().add(8 - lane.min(4)).cast()) }
+}
+
+/// All bits set in the lanes from `lane` on.
+#[inline(always)]
+unsafe fn from4(lane: usize) -> __m256d {
+    unsafe { _mm256_loadu_pd(BEFORE.as_ptr().add(4 - lane.min(4)).cast()) }
+}
+
 #[inline(always)]
 unsafe fn insert4(x: __m256d, lane: usize, number: f64) -> __m256d {
     unsafe {
-        let here = _mm256_cmpeq_epi64(_mm256_setr_epi64x(0, 1, 2, 3), _mm256_set1_epi64x(lane as i64));
-        _mm256_blendv_pd(x, _mm256_set1_pd(number), _mm256_castsi256_pd(here))
+        let here = _mm256_loadu_pd(ONE.as_ptr().add(4 - lane.min(4)).cast());
+        _mm256_blendv_pd(x, _mm256_set1_pd(number), here)
     }
 }
 
@@ -335,10 +351,7 @@ unsafe fn insert8(x: __m512d, lane: usize, number: f64) -> __m512d {
 
 #[inline(always)]
 unsafe fn up_to4(x: __m256d, lane: usize, others: __m256d) -> __m256d {
-    unsafe {
-        let before = _mm256_cmpgt_epi64(_mm256_set1_epi64x(lane as i64), _mm256_setr_epi64x(0, 1, 2, 3));
-        _mm256_blendv_pd(others, x, _mm256_castsi256_pd(before))
-    }
+    unsafe { _mm256_blendv_pd(others, x, before4(lane)) }
 }
 
 #[inline(always)]
@@ -348,17 +361,13 @@ unsafe fn up_to8(x: __m512d, lane: usize, others: __m512d) -> __m512d {
 
 #[inline(always)]
 unsafe fn between4(x: __m256d, from: usize, to: usize) -> __m256d {
-    unsafe { _mm256_and_pd(x, _mm256_castsi256_pd(places4(from, to))) }
+    unsafe { _mm256_and_pd(x, places4(from, to)) }
 }
 
 /// All bits set from place `from` on and before place `to`.
 #[inline(always)]
-unsafe fn places4(from: usize, to: usize) -> __m256i {
-    unsafe {
-        let lanes = _mm256_setr_epi64x(0, 1, 2, 3);
-        let before = _mm256_cmpgt_epi64(_mm256_set1_epi64x(from as i64), lanes);
-        _mm256_andnot_si256(before, _mm256_cmpgt_epi64(_mm256_set1_epi64x(to as i64), lanes))
-    }
+unsafe fn places4(from: usize, to: usize) -> __m256d {
+    unsafe { _mm256_and_pd(from4(from), before4(to)) }
 }
 
 #[inline(always)]
@@ -375,7 +384,9 @@ fn places8(from: usize, to: usize) -> u8 {
 /// `out` has as many numbers as there are places.
 #[inline(always)]
 unsafe fn store_between4(out: &mut [Fused], from: usize, to: usize, x: __m256d) {
-    unsafe { _mm256_maskstore_pd(out.as_mut_ptr().cast(), places4(from, to), x) }
+    // Stores with a mask take a dozen cycles on processors without AVX-512.
+    let out = out.as_mut_ptr().cast::<f64>();
+    unsafe { _mm256_storeu_pd(out, _mm256_blendv_pd(_mm256_loadu_pd(out), x, places4(from, to))) }
 }
 
 /// `out` has as many numbers as there are places.
@@ -410,20 +421,28 @@ unsafe fn store_from8(to: &mut [Fused], first: usize, x: __m512d) {
     unsafe { _mm512_mask_storeu_pd(to.as_mut_ptr().cast::<f64>().wrapping_sub(first), mask, x) }
 }
 
-/// All bits set in as many lanes as there are numbers.
-#[inline(always)]
-unsafe fn some4(count: usize) -> __m256i {
-    unsafe { _mm256_cmpgt_epi64(_mm256_set1_epi64x(count.min(4) as i64), _mm256_setr_epi64x(0, 1, 2, 3)) }
-}
-
 #[inline(always)]
 unsafe fn load_first4(x: &[Fused]) -> __m256d {
-    unsafe { _mm256_maskload_pd(x.as_ptr().cast(), some4(x.len())) }
+    unsafe { _mm256_maskload_pd(x.as_ptr().cast(), _mm256_castpd_si256(before4(x.len()))) }
 }
 
 #[inline(always)]
 unsafe fn store_first4(to: &mut [Fused], x: __m256d) {
-    unsafe { _mm256_maskstore_pd(to.as_mut_ptr().cast(), some4(to.len()), x) }
+    let count = to.len();
+    let to = to.as_mut_ptr().cast::<f64>();
+    unsafe {
+        let (low, high) = (_mm256_castpd256_pd128(x), _mm256_extractf128_pd::<1>(x));
+        match count {
+            0 => (),
+            1 => _mm_store_sd(to, low),
+            2 => _mm_storeu_pd(to, low),
+            3 => {
+                _mm_storeu_pd(to, low);
+                _mm_store_sd(to.add(2), high);
+            }
+            _ => _mm256_storeu_pd(to, x),
+        }
+    }
 }
 
 /// A bit for each of as many lanes as there are numbers.
