@@ -9,9 +9,11 @@
 //! | position | force of a change of position |
 //! | velocity | force of a change of velocity |
 
-use crate::ground_axes::{AXIS, OFFSET, Passages, along, each_way};
+use crate::floating_base::{along_axes, each_axis};
+use crate::ground_axes::{AXES, AXIS, OFFSET, Passages, along, dot, each_way};
 use crate::inverse_dynamics_derivatives::{
-    DIAGONAL, DRIFT, FORCE, POSITION_RATE, PSI, ROWS, VELOCITY_RATE, begin_columns,
+    DIAGONAL, DRIFT, FORCE, POSITION_RATE, PSI, ROWS, VELOCITY_RATE, begin_columns, own_blocks,
+    own_position_block, weigh_position, weigh_velocity,
 };
 use crate::layout::{GROUND, Layout};
 use crate::places::{Aligned, Pair, Places, Table, View, each_place, inside, vector};
@@ -56,12 +58,6 @@ impl<T: Scalar> Meetings<T> {
 }
 
 #[inline(always)]
-fn dot<T: Scalar, W: Wide<T>>(a: Vec3<T>, b: Vec3<W>) -> W {
-    let ([x, y, z], [u, v, w]) = (a.0, b.0);
-    u.fma(W::broadcast(x), v.fma(W::broadcast(y), w * W::broadcast(z)))
-}
-
-#[inline(always)]
 fn dot_add<T: Scalar, W: Wide<T>>(a: Vec3<T>, b: Vec3<W>, c: W) -> W {
     let ([x, y, z], [u, v, w]) = (a.0, b.0);
     u.fma(W::broadcast(x), v.fma(W::broadcast(y), w.fma(W::broadcast(z), c)))
@@ -83,6 +79,10 @@ impl<T: Scalar, W: Wide<T>, const TURNING: bool> Kernel for Meet<'_, T, W, TURNI
         let Meet { places, mut view, meetings, .. } = self;
         let mut at = Places::group(places.margin, W::COUNT);
         while at < places.count {
+            if places.all_of_base(at, W::COUNT) {
+                at += W::COUNT;
+                continue;
+            }
             let mut group = view.at(at);
             let column: Column<W> = if meetings.passages.is_linear(at, W::COUNT) {
                 begin_columns::<T, W, TURNING, true>(&mut group)
@@ -94,9 +94,18 @@ impl<T: Scalar, W: Wide<T>, const TURNING: bool> Kernel for Meet<'_, T, W, TURNI
             at += W::COUNT;
         }
         meetings.turn_back::<W>(places);
-        for place in places.margin..places.count {
-            // The axis does not turn its own force: exactly so, where the columns have the difference of what rounds.
-            meetings.rates.view().set_first(place, place, view.at(place).get(DIAGONAL));
+        for &first in &places.bases {
+            let [velocity, M] = own_blocks::<T, TURNING>(&view.at(first));
+            let mut rates = meetings.rates.view();
+            rates.set_block(1, (first, first), &velocity);
+            if TURNING || first != places.margin {
+                rates.set_block(0, (first, first), &own_position_block(&view.at(first)));
+            }
+            if TURNING {
+                for (i, row) in M.iter().enumerate() {
+                    meetings.d_da[(first + i) * places.stride + first..][..6].copy_from_slice(row);
+                }
+            }
         }
     }
 }
@@ -118,6 +127,34 @@ impl<T: Scalar> Meetings<T> {
         let lane = at & (T::COLUMNS - W::COUNT.min(T::COLUMNS));
         for joint in passages.inward(places, at, W::COUNT) {
             each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
+                if joint.base {
+                    let here = view.lane(Table::<T, ROWS>::start(joint.first));
+                    if TURNING {
+                        let all = along_axes(&here.vectors(AXES), &inertia);
+                        each_axis!(|I| columns
+                            .outboard::<ALL, _, _>(all[I])
+                            .store(&mut d_da[(joint.first + I) * s + at..]));
+                    }
+                    let velocity = weigh_velocity::<T, W, TURNING>(&here, inertia, gyroscopic);
+                    let mut position = [W::zero(); 3];
+                    // Without `TURNING`, the first base's columns by its place are known.
+                    if TURNING || joint.first != places.margin {
+                        position = weigh_position(&here, inertia);
+                    }
+                    each_axis!(|I| if W::COUNT == 1 {
+                        let position = if I < 3 { position[I % 3] } else { W::zero() };
+                        rates.set(at, joint.first + I, [position, velocity[I]]);
+                    } else {
+                        let row = &mut panel[(joint.first + I) * 2 * T::COLUMNS..][..2 * T::COLUMNS];
+                        if I < 3 {
+                            columns.outboard::<ALL, _, _>(position[I % 3]).store(&mut row[lane..]);
+                        }
+                        if I < 3 || TURNING {
+                            columns.outboard::<ALL, _, _>(velocity[I]).store(&mut row[T::COLUMNS + lane..]);
+                        }
+                    });
+                    continue;
+                }
                 for place in joint.first..joint.inner.min(at + W::COUNT) {
                     let here = view.lane(Table::<T, ROWS>::start(place));
                     if TURNING {
@@ -169,6 +206,15 @@ impl<T: Scalar> Meetings<T> {
         let mut rates = rates.view();
         for joint in passages.inward(places, at, W::COUNT) {
             each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
+                if joint.base {
+                    let axes = view.lane(Table::<T, ROWS>::start(joint.first)).vectors(AXES);
+                    let (x, y) = (along_axes(&axes, &position), along_axes(&axes, &velocity));
+                    each_axis!(|I| {
+                        let both = [columns.outboard::<ALL, _, _>(x[I]), columns.outboard::<ALL, _, _>(y[I])];
+                        rates.put(joint.first + I, at, both);
+                    });
+                    continue;
+                }
                 let mut seen = position;
                 if !ALL && joint.inner > joint.first + 1 && columns.own > columns.from {
                     // Axes of the same joint do not turn each other's force.
@@ -179,9 +225,14 @@ impl<T: Scalar> Meetings<T> {
                     seen.force -= inside(turned.force, columns.from, columns.own);
                 }
                 for place in joint.first..joint.inner {
-                    let axis = view.lane(Table::<T, ROWS>::start(place)).motion(AXIS);
-                    let x = along(&axis, joint.linear, &seen);
+                    let here = view.lane(Table::<T, ROWS>::start(place));
+                    let axis = here.motion(AXIS);
+                    let mut x: W = along(&axis, joint.linear, &seen);
                     let y = along(&axis, joint.linear, &velocity);
+                    if !ALL && (at..at + W::COUNT).contains(&place) {
+                        // The axis does not turn its own force: exactly so, where the columns have the difference of what rounds.
+                        x = x.with(place - at, here.get(DIAGONAL));
+                    }
                     let both = [columns.outboard::<ALL, _, _>(x), columns.outboard::<ALL, _, _>(y)];
                     rates.put(place, at, both);
                 }

@@ -128,7 +128,7 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Accelerate<'_, T> {
         let Accelerate { work, layout, q, v } = self;
         let ForwardDynamicsDerivatives { shifts, sweeps, filter, innovations, acceleration, .. } = work;
         shifts.set_all(layout, q);
-        sweeps.move_bodies::<W>(layout, shifts, v);
+        sweeps.move_bodies::<false, W>(layout, shifts, v, &[]);
         let (places, mut view, mut gains) = (&sweeps.places, sweeps.table.view(), innovations.gains());
         let residuals = T::arithmetic_mut(acceleration);
         filter.inward(layout, places, &mut view, &mut gains, residuals)?;
@@ -158,10 +158,7 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Derive<'_, T> {
             let g = Vec3::constant(self.layout.gravity());
             let seen = Vec3([axes[0].dot(g), axes[1].dot(g), axes[2].dot(g)]);
             for j in 0..3 {
-                let rate = seen.cross(Vec3::unit(j));
-                for i in 0..3 {
-                    innovations.set_known(places.margin + 3 + i, places.margin + j, rate.0[i]);
-                }
+                innovations.set_known((places.margin + 3, places.margin + j), seen.cross(Vec3::unit(j)));
             }
         }
     }
@@ -231,10 +228,12 @@ fn subtract_turning_rates<T: Scalar>(layout: &Layout<T::Constant>, v: &[T], d_dv
         for (i, &component) in body.hinge.components().iter().enumerate() {
             // Only linear components have a rate: (δs × v + ω × δb)_i = δs · (v × e_i) + δb · (e_i × ω).
             let Some(direction) = component.checked_sub(3).map(Vec3::unit) else { continue };
-            let rate = Wrench::new(joint.linear.cross(direction), direction.cross(joint.angular));
+            let [x, y, z, a, b, c] =
+                Wrench::new(joint.linear.cross(direction), direction.cross(joint.angular)).to_array();
+            let rate = if let Hinge::Planar = body.hinge { [z, a, b, a, b, c] } else { [x, y, z, a, b, c] };
             let row = &mut d_dv[(body.v + i) * nv..][dofs.clone()];
-            for (x, &component) in row.iter_mut().zip(body.hinge.components()) {
-                *x -= rate.get(component);
+            for (x, &rate) in row.iter_mut().zip(&rate) {
+                *x -= rate;
             }
         }
     }

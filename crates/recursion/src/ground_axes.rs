@@ -132,12 +132,10 @@ macro_rules! each_own_inertia {
                 $step;
             }
         } else {
-            let mut at = Places::group($places.margin, <$w as Wide<$t>>::COUNT);
-            while at < $places.count {
+            for &at in $places.with_bodies(<$w as Wide<$t>>::COUNT) {
                 let mut $group = $view.at(at);
                 let $inertia = $crate::ground_axes::turned::<$t, $w, _>(&$group, &$own.at(at));
                 $step;
-                at += <$w as Wide<$t>>::COUNT;
             }
         }
     };
@@ -147,18 +145,9 @@ pub(crate) use each_own_inertia;
 /// Does a step for all bodies, side by side where there are registers for it.
 macro_rules! each_body {
     ($t:ty, $w:ty, $places:expr, $view:expr, |$group:ident| $step:expr) => {
-        if <$w as Wide<$t>>::COUNT == 1 {
-            for &at in &$places.first {
-                let mut $group = $view.at(at);
-                $step;
-            }
-        } else {
-            let mut at = Places::group($places.margin, <$w as Wide<$t>>::COUNT);
-            while at < $places.count {
-                let mut $group = $view.at(at);
-                $step;
-                at += <$w as Wide<$t>>::COUNT;
-            }
+        for &at in $places.with_bodies(<$w as Wide<$t>>::COUNT) {
+            let mut $group = $view.at(at);
+            $step;
         }
     };
 }
@@ -207,12 +196,14 @@ pub(crate) struct Way {
     pub(crate) start: usize,
     /// One past the last place outboard.
     pub(crate) end: usize,
-    /// The place that comes after it, towards the base; [`GROUND`] after the last.
+    /// The place that comes after it, towards the base; [`GROUND`] after the last. Of a floating base its first place.
     pub(crate) next: usize,
     /// True if its axis may have a linear part.
     pub(crate) linear: bool,
     /// True if the way goes on from the origin of the body to that of another.
     pub(crate) shifts: bool,
+    /// True if it is one of a floating base, whose lane is that of its first place.
+    pub(crate) base: bool,
 }
 
 /// The ways from all places, for a table of `N` rows.
@@ -226,23 +217,27 @@ pub(crate) fn ways<T: Scalar, const N: usize>(layout: &Layout<T::Constant>, plac
             next: GROUND,
             linear: false,
             shifts: false,
+            base: false,
         })
         .collect();
     for (k, body) in layout.bodies().iter().enumerate() {
+        let base = body.floats();
         for at in places.own(k) {
             let first = at == places.first[k];
             let next = match body.parent {
+                _ if base => places.first[k],
                 _ if !first => at - 1,
                 GROUND => GROUND,
                 parent => last(parent),
             };
             let shifts = first && body.parent != GROUND;
             ways.push(Way {
-                start: Table::<T, N>::start(at),
+                start: Table::<T, N>::start(if base { next } else { at }),
                 end: places.end[k],
                 next,
                 linear: linear[at],
                 shifts,
+                base,
             });
         }
     }
@@ -260,8 +255,10 @@ pub(crate) struct Passage {
     pub(crate) parent: usize,
     /// True if an axis may have a linear part.
     pub(crate) linear: bool,
-    /// True if it holds nothing.
+    /// True if it holds nothing, inside a tree.
     pub(crate) free: bool,
+    /// True if it is that of a floating base.
+    pub(crate) base: bool,
 }
 
 impl Passage {
@@ -345,7 +342,8 @@ impl Passages {
                 end: places.end[k],
                 parent: body.parent,
                 linear: linear.get(own.start).is_some_and(|linear| *linear),
-                free: matches!(body.hinge, Hinge::Free),
+                free: matches!(body.hinge, Hinge::Free) && !body.floats(),
+                base: body.floats(),
             });
         }
         let first = of.iter().map(|&k| joints.get(k).map_or(0, |joint| joint.first)).collect();
@@ -432,21 +430,19 @@ impl<T: Scalar> OwnInertias<T> {
     }
 }
 
-/// Rows of the first degree of freedom of every joint, copied to its others.
+/// Rows of the first degree of freedom of every joint, copied to its others; not of floating bases.
 #[inline(always)]
 pub(crate) fn spread<T: Scalar, W: Wide<T>, const N: usize>(
-    layout: &Layout<T::Constant>,
     places: &Places,
     view: &mut View<'_, T, N>,
     rows: impl Iterator<Item = usize> + Clone,
 ) {
-    for (body, &first) in layout.bodies().iter().zip(&places.first) {
-        let end = first + body.hinge.nv();
-        let mut at = Places::group(first, W::COUNT);
-        while end > first + 1 && at < end {
-            let (from, to) = (first.saturating_sub(at), (end - at).min(W::COUNT));
+    for joint in &places.several {
+        let mut at = Places::group(joint.start, W::COUNT);
+        while at < joint.end {
+            let (from, to) = (joint.start.saturating_sub(at), (joint.end - at).min(W::COUNT));
             for r in rows.clone() {
-                let x = W::broadcast(view.at(first).get(r));
+                let x = W::broadcast(view.at(joint.start).get(r));
                 view.at(at).set_between(r, from, to, x);
             }
             at += W::COUNT;
@@ -454,12 +450,12 @@ pub(crate) fn spread<T: Scalar, W: Wide<T>, const N: usize>(
     }
 }
 
-/// True where a column of H* may have a linear part.
+/// True where a column of H* may have a linear part; not of floating bases.
 pub(crate) fn linear_axes<T: Scalar>(layout: &Layout<T::Constant>, places: &Places) -> Vec<bool> {
     let mut linear = vec![false; places.count];
     for (body, &first) in layout.bodies().iter().zip(&places.first) {
         let angular = matches!(body.hinge, Hinge::Revolute | Hinge::Spherical);
-        linear[first..first + body.hinge.nv()].fill(!angular);
+        linear[first..first + body.hinge.nv()].fill(!angular && !body.floats());
     }
     linear
 }
@@ -467,14 +463,18 @@ pub(crate) fn linear_axes<T: Scalar>(layout: &Layout<T::Constant>, places: &Plac
 /// S* f of a column of H*; `linear`: it may have a linear part.
 #[inline(always)]
 pub(crate) fn along<T: Scalar, W: Wide<T>>(axis: &Motion<T>, linear: bool, f: &Wrench<W>) -> W {
-    let ([x, y, z], [u, v, w]) = (axis.angular.0, f.moment.0);
-    let sum = u.fma(W::broadcast(x), v.fma(W::broadcast(y), w * W::broadcast(z)));
+    let sum = dot(axis.angular, f.moment);
     if !linear {
         return sum;
     }
     // A sum of its own: both wait for one addition.
-    let ([x, y, z], [u, v, w]) = (axis.linear.0, f.force.0);
-    sum + u.fma(W::broadcast(x), v.fma(W::broadcast(y), w * W::broadcast(z)))
+    sum + dot(axis.linear, f.force)
+}
+
+#[inline(always)]
+pub(crate) fn dot<T: Scalar, W: Wide<T>>(a: Vec3<T>, b: Vec3<W>) -> W {
+    let ([x, y, z], [u, v, w]) = (a.0, b.0);
+    u.fma(W::broadcast(x), v.fma(W::broadcast(y), w * W::broadcast(z)))
 }
 
 /// A table with these rows and others.

@@ -8,16 +8,17 @@
 //!
 //! L is unit triangular in the order of elimination (joints outboard first, components of a joint in their order). Nothing is
 //! subtracted in products with it that the filter does not subtract too: it keeps the digits that a Cholesky factor of M loses
-//! where heavy bodies hang on light ones.
+//! where heavy bodies hang on light ones. A floating base has its gains in its own axes ([`crate::floating_base`]).
 
 use crate::articulated_sweep::{ArticulatedSweep, Pivot};
 use crate::error::DynamicsError;
-use crate::ground_axes::{self, AXIS, Columns, OFFSET, Passages, along, each_way};
+use crate::floating_base::{self, along_axes, each_axis};
+use crate::ground_axes::{self, AXES, AXIS, Columns, OFFSET, Passages, along, each_way};
 use crate::hinge::combine;
 use crate::layout::{GROUND, Layout, Shifts};
 use crate::places::{Aligned, Places, Table, View, inside, vector};
 use phipsi_spatial::wide::{Wide, WideKernel};
-use phipsi_spatial::{Scalar, Wrench};
+use phipsi_spatial::{Scalar, Vec3, Wrench};
 
 mod columns;
 mod products;
@@ -73,9 +74,10 @@ impl<T: Scalar> Innovations<T> {
     pub(crate) fn gains(&mut self) -> Gains<'_, T> {
         Gains { gains: self.gains.view(), inverses: &mut self.inverse }
     }
-    /// Sets a number of the known columns: a row, and a column, by places, of the first matrix.
-    pub(crate) fn set_known(&mut self, row: usize, column: usize, x: T) {
-        self.products.solution.view().set_first(row, column, x);
+    /// Sets three numbers of the known columns, one above the other: by places, the first one's row and their column of the first matrix.
+    #[inline(always)]
+    pub(crate) fn set_known(&mut self, (row, column): (usize, usize), x: Vec3<T>) {
+        self.products.solution.view().set_three((row, column), x);
     }
     /// L of the gains, and of the bodies of the same configuration, in the axes of the ground. Cost O(n · depth), no allocation.
     #[inline(always)]
@@ -89,9 +91,23 @@ impl<T: Scalar> Innovations<T> {
         let mut gains = gains.view();
         let mut at = Places::group(places.margin, W::COUNT);
         while at < places.count {
+            if places.all_of_base(at, W::COUNT) {
+                at += W::COUNT;
+                continue;
+            }
             let mut z: Wrench<W> = gains.at(at).wrench(GAIN);
             for joint in passages.inward(places, at, W::COUNT) {
                 each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
+                    if joint.base {
+                        let axes = bodies.lane(Table::<T, N>::start(joint.first)).vectors(AXES);
+                        let all = along_axes(&axes, &-z);
+                        let all = floating_base::innovations(&base_gains(&mut gains, joint.first), all);
+                        each_axis!(|I| {
+                            let x = if ALL { all[I] } else { all[I].between(columns.own, columns.to) };
+                            x.store(&mut operator[(joint.first + I) * s + at..]);
+                        });
+                        continue;
+                    }
                     let several = joint.inner > joint.first + 1;
                     for place in joint.first..joint.inner {
                         let axis = bodies.lane(Table::<T, N>::start(place)).motion(AXIS);
@@ -127,13 +143,27 @@ impl<T: Scalar> Innovations<T> {
             }
             at += W::COUNT;
         }
+        for &first in &places.bases {
+            let own = floating_base::inverse(&base_gains(&mut gains, first));
+            for (i, row) in own.iter().enumerate() {
+                operator[(first + i) * s + first..][..6].copy_from_slice(row);
+            }
+        }
         for place in places.margin..places.count {
             operator[place * s + place] = T::one();
         }
     }
 }
 
-/// Gains in the axes of the ground, and D⁻¹, by places.
+/// Gains of a floating base, by rows.
+#[inline(always)]
+fn base_gains<T: Scalar>(gains: &mut View<'_, T, GAINS>, first: usize) -> [[T; 6]; 6] {
+    let mut rows = [[T::zero(); 6]; 6];
+    each_axis!(|I| rows[I] = gains.at(first + I).wrench::<T>(GAIN).to_array());
+    rows
+}
+
+/// Gains in the axes of the ground, those of a floating base in its own, and D⁻¹, by places.
 pub(crate) struct Gains<'a, T> {
     gains: View<'a, T, GAINS>,
     inverses: &'a mut [T],
@@ -144,6 +174,15 @@ impl<T: Scalar> Gains<'_, T> {
     pub(crate) fn set(&mut self, place: usize, gain: Wrench<T>, inverse: T) {
         self.gains.at(place).set_wrench(GAIN, gain);
         self.inverses[place] = inverse;
+    }
+    /// Those of a floating base.
+    #[inline(always)]
+    pub(crate) fn set_base(&mut self, first: usize, gains: &[[T; 6]; 6], inverses: &[T; 6]) {
+        each_axis!(|I| self.set(first + I, Wrench::from_array(gains[I]), inverses[I]));
+    }
+    #[inline(always)]
+    pub(crate) fn base(&mut self, first: usize) -> [[T; 6]; 6] {
+        base_gains(&mut self.gains, first)
     }
     #[inline(always)]
     pub(crate) fn gain(&mut self, place: usize) -> Wrench<T> {
@@ -180,6 +219,10 @@ impl<T: Scalar> InnovationsSweep<T> {
             let axes = bodies.at(first).axes();
             for i in 0..body.hinge.nv() {
                 let Pivot { gain, inverse } = pivots[body.v + i];
+                if body.floats() {
+                    gains.set(first + i, gain, inverse);
+                    continue;
+                }
                 let gain = Wrench::new(combine(&axes, gain.moment), combine(&axes, gain.force));
                 gains.set(first + i, gain, inverse);
             }

@@ -35,8 +35,10 @@ use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{Motion, RigidInertia, Scalar, Vec3, Wrench};
 
 mod composite;
+mod floating_base;
 
 use composite::Composite;
+pub(crate) use floating_base::{own_blocks, own_position_block, weigh_position, weigh_velocity};
 
 // Rows of the table after those of `ground_axes`.
 /// −2u.
@@ -49,7 +51,7 @@ const CARRIED_ALPHA: usize = CARRIED_OMEGA + 3;
 const OMEGA: usize = CARRIED_ALPHA + 6;
 /// δv.
 const SPEED: usize = OMEGA + 3;
-/// α.
+/// α; before it is known, a: what velocities add to it at the joint.
 pub(crate) const ALPHA: usize = SPEED + 3;
 /// −2N of the composite.
 const MOMENT: usize = ALPHA + 6;
@@ -163,12 +165,7 @@ impl<T: Scalar> WideKernel<T> for Derive<'_, T> {
     fn run<W: Wide<T>>(self) {
         let Derive { shifts, sweeps, layout, q, v, a, out: [d_dq, d_dv, d_da] } = self;
         shifts.set_all(layout, q);
-        sweeps.move_bodies::<W>(layout, shifts, v);
-        accelerate_outboard(layout, &sweeps.places, &mut sweeps.table.view(), |view, body, place, alpha| {
-            let axes = view.at(place).axes();
-            let own = body.hinge.expand(&a[body.v..]) + body.hinge.turning(&v[body.v..]);
-            *alpha += turned(&axes, own);
-        });
+        sweeps.move_bodies::<true, W>(layout, shifts, v, a);
         sweeps.run::<true, W>(layout);
         let (places, derivatives) = (&sweeps.places, &mut sweeps.meetings);
         mirror::<T, W>(&mut derivatives.d_da, places.count, places.stride);
@@ -212,18 +209,23 @@ impl<T: Scalar> DerivativeSweeps<T> {
             layout.gather_loads(wrenches, &mut self.loads);
         }
     }
-    /// Velocities of all bodies, their own inertias, and the forces of their turning and of loads.
+    /// Velocities of all bodies, their own inertias, and the forces of their turning and of loads; if `TURNING` their accelerations, too,
+    /// with those of joints, `a`, and the forces of these. Otherwise [`accelerate_outboard`] is to follow.
     #[inline(always)]
-    pub(crate) fn move_bodies<W: Wide<T>>(
+    pub(crate) fn move_bodies<const TURNING: bool, W: Wide<T>>(
         &mut self,
         layout: &Layout<T::Constant>,
         shifts: &Shifts<T>,
         v: &[T],
+        a: &[T],
     ) {
         let (places, view) = (&self.places, &mut self.table.view());
-        move_outboard(layout, shifts, places, view, v);
+        move_outboard::<TURNING, T>(layout, shifts, places, view, v, a);
         each_own_inertia!(T, W, layout, places, self.own, view, |group, inertia| {
-            let composite = Composite::of_body(&inertia, group.vector(OMEGA));
+            let mut composite = Composite::of_body(&inertia, group.vector(OMEGA));
+            if TURNING {
+                composite.force += inertia.momentum(group.motion(ALPHA));
+            }
             composite.put(&mut group);
         });
         if self.loaded {
@@ -236,23 +238,20 @@ impl<T: Scalar> DerivativeSweeps<T> {
             }
         }
     }
-    /// The derivatives, after [`DerivativeSweeps::move_bodies`] and [`accelerate_outboard`]. With `TURNING`, accelerations are those of v̇,
+    /// The derivatives, after [`DerivativeSweeps::move_bodies`]. With `TURNING`, accelerations are those of v̇,
     /// and M comes, too; without, of v̇ + c, which stays while v changes.
     #[inline(always)]
     pub(crate) fn run<const TURNING: bool, W: Wide<T>>(&mut self, layout: &Layout<T::Constant>) {
         let (places, view) = (&self.places, &mut self.table.view());
-        each_body!(T, W, places, view, |group| {
-            let of_acceleration = group.rigid::<W>(COMPOSITE).momentum(group.motion(ALPHA));
-            let force = group.wrench::<W>(FORCE) + of_acceleration;
-            group.set_wrench(FORCE, force);
-        });
+        if !TURNING {
+            each_body!(T, W, places, view, |group| {
+                let of_acceleration = group.rigid::<W>(COMPOSITE).momentum(group.motion(ALPHA));
+                let force = group.wrench::<W>(FORCE) + of_acceleration;
+                group.set_wrench(FORCE, force);
+            });
+        }
         gather_inboard(layout, places, view);
-        spread::<_, W, ROWS>(
-            layout,
-            places,
-            view,
-            (CARRIED_OMEGA..ALPHA).chain(COMPOSITE..DRIFT).chain(MOMENT..PSI),
-        );
+        spread::<_, W, ROWS>(places, view, (CARRIED_OMEGA..ALPHA).chain(COMPOSITE..DRIFT).chain(MOMENT..PSI));
         let view = self.table.view();
         W::dispatch(Meet::<T, W, TURNING> {
             places,
@@ -263,64 +262,71 @@ impl<T: Scalar> DerivativeSweeps<T> {
     }
 }
 
-/// Velocities of all bodies, base to tip, and what they add to accelerations: [`joint_acceleration`].
+/// Velocities and accelerations of all bodies, base to tip; without `TURNING`, of the latter what velocities add at each joint.
 #[inline(always)]
-fn move_outboard<T: Scalar>(
+fn move_outboard<const TURNING: bool, T: Scalar>(
     layout: &Layout<T::Constant>,
     shifts: &Shifts<T>,
     places: &Places,
     view: &mut View<'_, T, ROWS>,
     v: &[T],
+    a: &[T],
 ) {
     let first = &places.first[..layout.len()];
-    let ground = (ground_axes::ground(), Vec3::zero());
+    let ground = (ground_axes::ground(), Vec3::zero(), ground_acceleration(layout));
     let mut previous = ground;
     for (k, body) in layout.bodies().iter().enumerate() {
-        let (axes, inboard) = match body.parent {
+        let (axes, inboard, inboard_alpha) = match body.parent {
             GROUND => ground,
             _ if body.follows_parent(k) => previous,
             parent => {
                 let parent = view.at(first[parent]);
-                (parent.axes(), parent.vector(OMEGA))
+                (parent.axes(), parent.vector(OMEGA), parent.motion(ALPHA))
             }
         };
         let (axes, d) = shifts.at(k, body).axes_to_child(axes);
         set_body(view, first[k], body, &axes, d);
         let mut here = view.at(first[k]);
         let mut around = inboard.cross(d);
-        here.set_vector(ALPHA + 3, inboard.cross(around));
+        let mut alpha = Motion::new(Vec3::zero(), inboard.cross(around));
+        if TURNING {
+            alpha +=
+                Motion::new(inboard_alpha.angular, inboard_alpha.angular.cross_add(d, inboard_alpha.linear));
+        }
+        here.set_motion(CARRIED_ALPHA, alpha);
         let turning = if let Hinge::Revolute = body.hinge {
+            if TURNING {
+                alpha.angular = axes[2].scale_add(a[body.v], alpha.angular);
+            }
             axes[2].scale(v[body.v])
         } else {
+            if TURNING {
+                alpha += turned(&axes, body.hinge.expand(&a[body.v..]) + body.hinge.turning(&v[body.v..]));
+            }
             let joint = turned(&axes, body.hinge.expand(&v[body.v..]));
             around += joint.linear;
             here.set_vector(SPEED, joint.linear);
+            let swept = inboard.cross(joint.linear);
+            alpha.linear += swept + swept;
             joint.angular
         };
+        alpha.angular = inboard.cross_add(turning, alpha.angular);
         let omega = inboard + turning;
         here.set_vector(DRIFT, around.scale(-T::splat(2.0)));
         here.set_vector(CARRIED_OMEGA, inboard);
         here.set_vector(OMEGA, omega);
-        here.set_vector(ALPHA, inboard.cross(turning));
-        previous = (axes, omega);
+        here.set_motion(ALPHA, alpha);
+        previous = (axes, omega, alpha);
     }
 }
 
-/// a of a body's joint, before its acceleration takes the same rows.
+/// What gravity adds to all accelerations.
 #[inline(always)]
-pub(crate) fn joint_acceleration<T: Scalar>(
-    here: &Group<'_, T, ROWS>,
-    body: &LayoutBody<T::Constant>,
-) -> Motion<T> {
-    let mut a = here.motion::<T>(ALPHA);
-    if !matches!(body.hinge, Hinge::Revolute) {
-        let swept = here.vector::<T>(CARRIED_OMEGA).cross(here.vector(SPEED));
-        a.linear += swept + swept;
-    }
-    a
+fn ground_acceleration<T: Scalar>(layout: &Layout<T::Constant>) -> Motion<T> {
+    Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity()))
 }
 
-/// Accelerations of all bodies, base to tip; `join` adds θ̈ of a joint to φ*α(p), before a is added.
+/// Accelerations of all bodies, base to tip, after velocities; `join` adds θ̈ of a joint to φ*α(p), before a is added.
 #[inline(always)]
 pub(crate) fn accelerate_outboard<T: Scalar>(
     layout: &Layout<T::Constant>,
@@ -329,7 +335,7 @@ pub(crate) fn accelerate_outboard<T: Scalar>(
     mut join: impl FnMut(&mut View<'_, T, ROWS>, &LayoutBody<T::Constant>, usize, &mut Motion<T>),
 ) {
     let first = &places.first[..layout.len()];
-    let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity()));
+    let ground = ground_acceleration(layout);
     let mut previous = ground;
     for (k, body) in layout.bodies().iter().enumerate() {
         let inboard = match body.parent {
@@ -340,11 +346,11 @@ pub(crate) fn accelerate_outboard<T: Scalar>(
         let mut here = view.at(first[k]);
         let linear = inboard.angular.cross_add(here.vector(OFFSET), inboard.linear);
         let mut alpha = Motion::new(inboard.angular, linear);
-        let around = here.vector::<T>(ALPHA + 3);
-        here.set_motion(CARRIED_ALPHA, Motion::new(inboard.angular, linear + around));
+        let carried = here.motion::<T>(CARRIED_ALPHA) + alpha;
+        here.set_motion(CARRIED_ALPHA, carried);
         join(view, body, first[k], &mut alpha);
         let mut here = view.at(first[k]);
-        alpha += joint_acceleration(&here, body);
+        alpha += here.motion(ALPHA);
         here.set_motion(ALPHA, alpha);
         previous = alpha;
     }

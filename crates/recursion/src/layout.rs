@@ -54,6 +54,13 @@ pub struct LayoutBody<C> {
     pub inertia: RigidInertia<C>,
 }
 
+impl<C> LayoutBody<C> {
+    /// True for a free joint on the ground.
+    pub(crate) fn floats(&self) -> bool {
+        self.parent == GROUND && matches!(self.hinge, Hinge::Free)
+    }
+}
+
 impl<C: Real> LayoutBody<C> {
     /// Pose of the body in its parent at coordinates `q` of the whole model.
     #[inline(always)]

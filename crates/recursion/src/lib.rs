@@ -35,6 +35,7 @@ pub mod diagonal_dynamics;
 pub mod energy;
 pub mod error;
 pub mod flexible;
+mod floating_base;
 pub mod form;
 pub mod forward_dynamics;
 pub mod forward_dynamics_derivatives;

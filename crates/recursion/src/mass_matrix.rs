@@ -12,11 +12,12 @@
 
 use crate::error::{DynamicsError, check_length};
 use crate::flexible::Composite;
+use crate::floating_base::{along_axes, each_axis, seen_rigid};
 use crate::ground_axes::{
-    self, AXIS, COMPOSITE, OFFSET, OwnInertias, ROWS, Way, along, each_own_inertia, gather_composites,
+    self, AXES, AXIS, COMPOSITE, OFFSET, OwnInertias, ROWS, Way, along, each_own_inertia, gather_composites,
     spread, turn_outboard, ways,
 };
-use crate::layout::{Layout, Shifts};
+use crate::layout::{GROUND, Layout, Shifts};
 use crate::places::{Panels, Places, Table, View, inside, vector};
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{RigidInertia, Scalar, Wrench};
@@ -102,12 +103,16 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
             group.set_rigid(COMPOSITE, &inertia)
         });
         gather_composites(layout, places, view);
-        spread::<_, W, ROWS>(layout, places, view, COMPOSITE..ROWS);
-        if !places.all_related() && !places.has_all_tiles(W::COUNT) {
+        spread::<_, W, ROWS>(places, view, COMPOSITE..ROWS);
+        if places.clears(W::COUNT) {
             clear::<_, W>(out);
         }
         let mut at = Places::group(places.margin, W::COUNT);
         while at < places.count {
+            if places.all_of_base(at, W::COUNT) {
+                at += W::COUNT;
+                continue;
+            }
             let group = view.at(at);
             let R: RigidInertia<W> = group.rigid(COMPOSITE);
             let f = if *linear { R.momentum(group.motion(AXIS)) } else { R.spin(group.vector(AXIS)) };
@@ -125,6 +130,19 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
                 });
             }
             at += W::COUNT;
+        }
+        for &first in &places.bases {
+            let base = view.at(first);
+            let R = seen_rigid(&base.axes(), &base.rigid(COMPOSITE)).to_articulated().to_rows();
+            if W::COUNT > 1 {
+                upper.set_block(first, &R);
+                continue;
+            }
+            for (i, row) in R.iter().enumerate() {
+                for (j, &x) in row.iter().enumerate() {
+                    out[places.dof(first + i) * nv + places.dof(first + j)] = x;
+                }
+            }
         }
         if W::COUNT > 1 {
             places.write_symmetric::<_, W>(upper, out);
@@ -157,6 +175,15 @@ fn carry<T: Scalar, W: Wide<T>>(
     let mut place = at + W::COUNT - 1;
     while let Some(way) = ways.get(place) {
         let here = view.lane(way.start);
+        if way.base {
+            let (first, to) = (way.next, way.end - at);
+            let all = along_axes(&here.vectors(AXES), &f);
+            each_axis!(|I| if first + I <= place {
+                put(first + I, if to >= W::COUNT { all[I] } else { all[I].between(0, to) });
+            });
+            place = if first > lowest { first - 1 } else { GROUND };
+            continue;
+        }
         // Columns of what lies outboard have not begun yet; those beyond are of other branches.
         let (from, to) = (place.saturating_sub(at), way.end - at);
         let whole = to >= W::COUNT;

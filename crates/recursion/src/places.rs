@@ -13,6 +13,9 @@ use phipsi_spatial::{Mat3, Motion, Scalar, Sym3, Vec3, Wrench};
 /// Rows that a product takes at once.
 pub(crate) const ROWS: usize = 4;
 
+/// Tiles of zeros are not written one by one if more than one of so many is.
+const ZERO_TILES: usize = 16;
+
 mod aligned;
 mod pair;
 mod panels;
@@ -34,16 +37,20 @@ pub(crate) struct Places {
     pub(crate) count: usize,
     /// From a row of a matrix to the next: an odd number of cache lines, so that numbers of a column do not crowd each other out.
     pub(crate) stride: usize,
+    /// The first places of floating bases.
+    pub(crate) bases: Vec<usize>,
+    /// The places of other joints of several degrees of freedom.
+    pub(crate) several: Vec<Range<usize>>,
+    /// Registers of 1, 2, 4 and 8 places with the first place of a body.
+    with_bodies: [Vec<usize>; 4],
     /// Degree of freedom of the model at every place.
     dof: Vec<usize>,
     /// One past the last place outboard of every place; nothing is outboard of the empty ones.
     outboard: Vec<usize>,
     /// The same of registers of 1, 2, 4 and 8 places, one after the other.
     outboard_of_registers: [Vec<usize>; 4],
-    /// See [`Places::has_all_tiles`], for the same registers.
-    all_tiles: [bool; 4],
-    /// True if of every two bodies one is outboard of the other.
-    all_related: bool,
+    /// See [`Places::clears`], for the same registers.
+    clears: [bool; 4],
     /// True if the model's order is that of the places.
     in_order: bool,
 }
@@ -64,27 +71,41 @@ impl Places {
             dof.extend(body.v..body.v + body.hinge.nv());
             outboard.extend(end.last().into_iter().cycle().take(body.hinge.nv()));
         }
-        let all_related = end.iter().all(|&end| end == count);
-        let in_order = (0..nv).all(|i| dof[margin + i] == i);
+        let bodies = layout.bodies().iter().zip(&first);
+        let bases = bodies.filter(|(body, _)| body.floats()).map(|(_, &first)| first).collect();
+        let several =
+            layout.bodies().iter().zip(&first).filter(|(body, _)| !body.floats() && body.hinge.nv() > 1);
+        let several = several.map(|(body, &first)| first..first + body.hinge.nv()).collect();
         let widths = [1, 2, 4, WIDEST];
+        let with_bodies = widths.map(|width| {
+            let mut registers: Vec<usize> = first.iter().map(|&at| Places::group(at, width)).collect();
+            registers.dedup();
+            registers
+        });
+        let in_order = (0..nv).all(|i| dof[margin + i] == i);
         let outboard_of_registers: [Vec<usize>; 4] = widths.map(|width| {
             outboard.chunks(width).map(|ends| ends.iter().copied().fold(0, usize::max)).collect()
         });
-        let reaches = |(ends, width): (&Vec<usize>, usize)| {
-            (margin / width..ends.len()).all(|group| ends[group] == count || group + 1 == ends.len())
-        };
-        let all_tiles = [0, 1, 2, 3].map(|i| reaches((&outboard_of_registers[i], widths[i])));
+        // A few tiles of zeros are written one by one.
+        let clears = [0, 1, 2, 3].map(|i| {
+            let (ends, width, all) = (&outboard_of_registers[i], widths[i], count.div_ceil(widths[i]));
+            let zeros = |group: usize| all.saturating_sub(ends[group].div_ceil(width).max(group + 1));
+            let zeros: usize = (margin / width..ends.len()).map(zeros).sum();
+            zeros > 0 && (!in_order || width == 1 || ZERO_TILES * zeros > all * all)
+        });
         Places {
             first,
             end,
             margin,
             count,
             stride,
+            bases,
+            several,
+            with_bodies,
             dof,
             outboard,
             outboard_of_registers,
-            all_tiles,
-            all_related,
+            clears,
             in_order,
         }
     }
@@ -97,25 +118,29 @@ impl Places {
     pub(crate) fn dof(&self, place: usize) -> usize {
         self.dof[place]
     }
-    /// True if of every two bodies one is outboard of the other.
-    #[inline(always)]
-    pub(crate) fn all_related(&self) -> bool {
-        self.all_related
-    }
     /// One past the last place outboard of any place of a register of `width` from `at` on.
     #[inline(always)]
     pub(crate) fn outboard_end(&self, at: usize, width: usize) -> usize {
         self.outboard_of_registers[width.trailing_zeros() as usize & 3][at / width]
     }
+    /// Registers of `width` with the first place of a body.
+    #[inline(always)]
+    pub(crate) fn with_bodies(&self, width: usize) -> &[usize] {
+        &self.with_bodies[width.trailing_zeros() as usize & 3]
+    }
+    /// True if a register of `width` from place `at` on holds nothing but places of one floating base.
+    #[inline(always)]
+    pub(crate) fn all_of_base(&self, at: usize, width: usize) -> bool {
+        self.bases.iter().any(|&first| first <= at.max(self.margin) && at + width <= first + 6)
+    }
     /// Pairs of a degree of freedom with one that is not inboard of it.
     pub(crate) fn pairs(&self) -> usize {
         (0..self.first.len()).map(|k| (self.end[k] - self.first[k]) * self.own(k).len()).sum()
     }
-    /// True if tiles of registers of `width`, each with a degree of freedom and one outboard of it, are all tiles on and above the
-    /// diagonal, and the model's order is that of the places.
+    /// True if zeros are written before the entries of [`Places::write_symmetric`] in registers of `width`.
     #[inline(always)]
-    pub(crate) fn has_all_tiles(&self, width: usize) -> bool {
-        self.in_order && self.all_tiles[width.trailing_zeros() as usize & 3]
+    pub(crate) fn clears(&self, width: usize) -> bool {
+        self.clears[width.trailing_zeros() as usize & 3]
     }
     /// A matrix of zeros.
     pub(crate) fn zeros<T: Scalar>(&self) -> Aligned<T> {
@@ -129,10 +154,10 @@ impl Places {
     /// Writes a whole matrix, to the model's order.
     #[inline(always)]
     pub(crate) fn write_all<T: Scalar, W: Wide<T>>(&self, matrix: &[T], out: &mut [T]) {
-        let rows = matrix[self.margin * self.stride..self.count * self.stride].chunks_exact(self.stride);
-        self.write_rows::<T, W>(rows.map(|row| &row[self.margin..]), out);
+        let rows = (self.margin..self.count).map(|row| &matrix[row * self.stride + self.margin..]);
+        self.write_rows::<T, W>(rows, out);
     }
-    /// Writes a matrix, to the model's order, given the rows of its places, each from its first column on.
+    /// Writes a matrix, to the model's order, given the rows of its places, each from its first column on and perhaps beyond its last.
     #[inline(always)]
     pub(crate) fn write_rows<'a, T: Scalar, W: Wide<T>>(
         &self,
@@ -140,9 +165,16 @@ impl Places {
         out: &mut [T],
     ) {
         let (nv, dofs) = (self.count - self.margin, &self.dof[self.margin..]);
-        if nv > 0 && self.in_order {
-            for (row, out) in rows.zip(out.chunks_exact_mut(nv)) {
-                copy::<T, W>(&row[..nv], out);
+        if self.in_order {
+            // Whole registers, whose last numbers the next row overwrites; the last rows by as many numbers as they have.
+            let whole = nv.next_multiple_of(W::COUNT);
+            let mut start = 0;
+            for row in rows {
+                match (out.get_mut(start..start + whole), row.get(..whole)) {
+                    (Some(out), Some(row)) => copy::<T, W>(row, out),
+                    _ => copy::<T, W>(&row[..nv], &mut out[start..start + nv]),
+                }
+                start += nv;
             }
             return;
         }
@@ -246,7 +278,7 @@ pub(crate) struct Lane<'a, T, const N: usize> {
 
 impl<T: Scalar, const N: usize> Lane<'_, T, N> {
     #[inline(always)]
-    fn get(&self, r: usize) -> T {
+    pub(crate) fn get(&self, r: usize) -> T {
         self.numbers[..(N - 1) * T::COLUMNS + 1][r * T::COLUMNS]
     }
     /// Rows `r` to `r` + 2.
@@ -258,6 +290,11 @@ impl<T: Scalar, const N: usize> Lane<'_, T, N> {
     #[inline(always)]
     pub(crate) fn motion(&self, r: usize) -> Motion<T> {
         Motion::new(self.vector(r), self.vector(r + 3))
+    }
+    /// Rows `r` to `r` + 8, three vectors.
+    #[inline(always)]
+    pub(crate) fn vectors(&self, r: usize) -> [Vec3<T>; 3] {
+        [self.vector(r), self.vector(r + 3), self.vector(r + 6)]
     }
 }
 

@@ -1,13 +1,15 @@
 //! Forward dynamics on the table of the derivatives: the recursion of [`crate::forward_dynamics`] in the axes of the ground, where
-//! the derivatives have velocities and inertias of the bodies anyway. An inertia that goes to the parent is only shifted.
+//! the derivatives have velocities and inertias of the bodies anyway. An inertia that goes to the parent is only shifted. A floating base
+//! is eliminated in its own axes.
 //!
 //! Symbols: those of [`crate::articulated_sweep`] and [`crate::forward_dynamics`].
 
 use crate::error::DynamicsError;
+use crate::floating_base::{self, along_axes, each_axis, seen};
 use crate::ground_axes::{AXIS, COMPOSITE, OFFSET};
 use crate::hinge::Hinge;
 use crate::innovations::Gains;
-use crate::inverse_dynamics_derivatives::{ALPHA, FORCE, ROWS, joint_acceleration};
+use crate::inverse_dynamics_derivatives::{ALPHA, FORCE, ROWS};
 use crate::layout::{GROUND, Layout, LayoutBody, Pending};
 use crate::places::{Places, View};
 use phipsi_spatial::{ArticulatedInertia, Motion, Real, Scalar, Wrench};
@@ -32,7 +34,7 @@ impl<T: Scalar> Filter<T> {
         Filter { pending: Pending::new(layout, empty), hand: empty }
     }
     /// Tip to base: gains and D⁻¹ of all degrees of freedom, by places, and ν in place of T, in the order of v. Bodies have their own inertias
-    /// in the table, what turning and loads need as `FORCE`, and a as [`joint_acceleration`].
+    /// in the table, what turning and loads need as `FORCE`, and a as `ALPHA`.
     #[inline(always)]
     pub(super) fn inward(
         &mut self,
@@ -102,7 +104,7 @@ fn pass_axis<T: Scalar, const LINEAR: bool>(
     *z += here.wrench::<T>(FORCE);
     let root = body.parent == GROUND;
     if !root {
-        *z += P.times(if LINEAR { joint_acceleration(&here, body) } else { here.motion(ALPHA) });
+        *z += P.times(here.motion(ALPHA));
     }
     let s = here.vector::<T>(AXIS);
     let mut U = Wrench::new(P.inertia * s, P.coupling.transpose_mul(s));
@@ -150,8 +152,19 @@ fn pass_joint<T: Scalar>(
     } else {
         (outboard.0.plus_rigid(&own), outboard.1 + force)
     };
+    if body.floats() {
+        let axes = here.axes();
+        let (K, inverses) =
+            floating_base::factor(&axes, &P, |i, D, scale| pivot(layout, body.v + i, D, scale))?;
+        gains.set_base(place, &K, &inverses);
+        let mut difference = along_axes(&axes, &-z);
+        each_axis!(|I| difference[I] += residuals[body.v + I]);
+        let epsilon = floating_base::innovations(&K, difference);
+        each_axis!(|I| residuals[body.v + I] = epsilon[I] * inverses[I]);
+        return Ok((P, z));
+    }
     if body.parent != GROUND {
-        z += P.times(joint_acceleration(&here, body));
+        z += P.times(here.motion(ALPHA));
     }
     // Of what the whole joint sees: the last axes of a joint have little left.
     let (turning, sliding) = (P.inertia.xx + P.inertia.yy + P.inertia.zz, P.mass.xx + P.mass.yy + P.mass.zz);
@@ -203,6 +216,19 @@ pub(super) fn smooth<T: Scalar>(
         let x = residuals[body.v] - alpha.dot(gains.gain(place));
         residuals[body.v] = x;
         alpha.angular = view.at(place).vector::<T>(AXIS).scale_add(x, alpha.angular);
+        return;
+    }
+    if body.floats() {
+        let (axes, K) = (view.at(place).axes(), gains.base(place));
+        let mut x = [T::zero(); 6];
+        each_axis!(|I| x[I] = residuals[body.v + I]);
+        let all = floating_base::accelerations(&K, x);
+        let (angular, linear) = (seen(&axes, alpha.angular).0, seen(&axes, alpha.linear).0);
+        for i in 0..3 {
+            residuals[body.v + i] = all[i] - angular[i];
+            residuals[body.v + 3 + i] = all[3 + i] - linear[i];
+        }
+        *alpha = floating_base::motion(&axes, all);
         return;
     }
     for i in (0..body.hinge.nv()).rev() {

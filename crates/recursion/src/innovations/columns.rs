@@ -10,7 +10,8 @@
 //! About 33 multiplications an entry, where the product with M⁻¹ has one for every degree of freedom that is related to the
 //! column's: this way is for long chains.
 
-use super::{GAIN, GAINS, Innovations};
+use super::{GAIN, GAINS, Innovations, base_gains};
+use crate::floating_base::{self, along_axes, each_axis};
 use crate::ground_axes::{AXIS, OFFSET, Passages, along};
 use crate::hinge::Hinge;
 use crate::layout::{GROUND, Layout};
@@ -188,6 +189,23 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
                 }
             }
         }
+        if body.floats() {
+            let (axes, gains) = (bodies.at(first).axes(), base_gains(&mut gains, first));
+            for c in 0..C {
+                let mut difference = along_axes(&axes, &-z[c]);
+                let mut measured = b.rows(first, first + 6, column);
+                each_axis!(|I| {
+                    let Some(measured) = measured.next() else { return };
+                    difference[I] += W::load(&measured[c * W::COUNT..]);
+                });
+                let all = floating_base::innovations(&gains, difference);
+                each_axis!(|I| {
+                    let kept = &mut columns.innovations[((first + I) * SIDE * T::COLUMNS)..];
+                    all[I].store(&mut kept[c * W::COUNT..]);
+                });
+            }
+            continue;
+        }
         for place in first..inner {
             let kept = &mut columns.innovations[place * SIDE * T::COLUMNS..][..SIDE * T::COLUMNS];
             let Some(measured) = b.rows(place, place + 1, column).next() else { return };
@@ -254,7 +272,25 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
                 lambda.linear = lambda.angular.cross_add(d, lambda.linear);
             }
         }
-        for place in (first..inner).rev() {
+        if body.floats() {
+            let (axes, gains) = (bodies.at(first).axes(), base_gains(&mut gains, first));
+            for c in 0..C {
+                let mut x = [W::zero(); 6];
+                each_axis!(|I| {
+                    let kept = &columns.innovations[((first + I) * SIDE * T::COLUMNS)..];
+                    x[I] = W::load(&kept[c * W::COUNT..]) * W::broadcast(inverse[first + I]);
+                });
+                let mut x = floating_base::accelerations(&gains, x);
+                each_axis!(|I| x[I] = -x[I]);
+                let mut rows = out.rows_mut(first, first + 6, column);
+                each_axis!(|I| {
+                    let Some(out) = rows.next() else { return };
+                    x[I].store(&mut out[c * W::COUNT..]);
+                });
+                lambda[c] = floating_base::motion(&axes, x);
+            }
+        }
+        for place in (first..inner).rev().take_while(|_| !body.floats()) {
             let pivot = W::broadcast(inverse[place]);
             let kept = &columns.innovations[place * SIDE * T::COLUMNS..][..SIDE * T::COLUMNS];
             with_axis!(bodies, gains, passages, place, |axis, gain, LINEAR| {

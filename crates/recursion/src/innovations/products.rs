@@ -222,10 +222,15 @@ fn solve_rows<T: Scalar, W: Wide<T>, const G: usize, const R: usize>(
         let weights = inverse[low * stride + row..high * stride + row].chunks_exact(stride);
         for (b, weights) in b.rows(low, high, column).zip(weights) {
             let (b, weights) = (&b[..G * W::COUNT], &weights[..R]);
+            let mut x = [W::zero(); G];
             for g in 0..G {
-                let x = -W::load(&b[g * W::COUNT..]);
-                for r in 0..R {
-                    sums[r][g] = x.fma(W::broadcast(weights[r]), sums[r][g]);
+                x[g] = -W::load(&b[g * W::COUNT..]);
+            }
+            // One weight at a time: with two registers a row, AVX2 has names for all.
+            for r in 0..R {
+                let weight = W::broadcast(weights[r]);
+                for g in 0..G {
+                    sums[r][g] = x[g].fma(weight, sums[r][g]);
                 }
             }
         }

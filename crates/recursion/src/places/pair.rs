@@ -1,8 +1,8 @@
 //! Two matrices of the places side by side, so that a product takes the columns of both as those of one.
 
 use super::{Aligned, Places, WIDEST, each_place};
-use phipsi_spatial::Scalar;
 use phipsi_spatial::wide::Wide;
+use phipsi_spatial::{Scalar, Vec3};
 
 /// Rows by places; of every row the columns of the first matrix, then those of the second. What is zero for every
 /// configuration is never anything else between calls.
@@ -91,10 +91,24 @@ impl<T: Scalar> PairView<'_, T> {
         a.store_first(&mut row[..1]);
         b.store_first(&mut row[self.shape.nv..]);
     }
-    /// A number of the first matrix.
+    /// Three numbers of the first matrix, one above the other.
     #[inline(always)]
-    pub(crate) fn set_first(&mut self, row: usize, place: usize, x: T) {
-        self.numbers[self.shape.index(row, place)] = x;
+    pub(crate) fn set_three(&mut self, (row, place): (usize, usize), x: Vec3<T>) {
+        let start = self.shape.index(row, place);
+        let rows = &mut self.numbers[start..start + 2 * self.shape.stride + 1];
+        for i in 0..3 {
+            rows[i * self.shape.stride] = x.0[i];
+        }
+    }
+    /// A block of six rows and columns of one of the matrices.
+    #[inline(always)]
+    pub(crate) fn set_block(&mut self, which: usize, (row, place): (usize, usize), block: &[[T; 6]; 6]) {
+        let Shape { stride, nv, .. } = self.shape;
+        let start = self.shape.index(row, place) + which * nv;
+        let rows = &mut self.numbers[start..start + 5 * stride + 6];
+        for i in 0..6 {
+            rows[i * stride..i * stride + 6].copy_from_slice(&block[i]);
+        }
     }
     /// A register of each matrix, of the columns from place `at` on.
     #[inline(always)]

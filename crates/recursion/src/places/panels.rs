@@ -20,8 +20,8 @@ macro_rules! each_place {
 pub(crate) use each_place;
 
 impl Places {
-    /// Writes a symmetric matrix, given above its diagonal, to the model's: entries of related degrees of freedom and some zeros
-    /// beside them.
+    /// Writes a symmetric matrix, given above its diagonal, to the model's: where zeros have been written, entries of related degrees of
+    /// freedom and some zeros beside them.
     #[inline(always)]
     pub(crate) fn write_symmetric<T: Scalar, W: Wide<T>>(&self, upper: &Panels<T>, out: &mut [T]) {
         let nv = self.count - self.margin;
@@ -43,6 +43,10 @@ impl Places {
             let mut top = left + W::COUNT;
             while top < end {
                 self.write_tile::<T, W, false>(upper.tile(left, top), left, top, out);
+                top += W::COUNT;
+            }
+            while top < self.count && !self.clears(W::COUNT) {
+                self.write_tile::<T, W, false>([W::zero(); WIDEST], left, top, out);
                 top += W::COUNT;
             }
             left += W::COUNT;
@@ -104,6 +108,17 @@ impl<T: Scalar> Panels<T> {
     #[inline(always)]
     fn get(&self, row: usize, column: usize) -> T {
         self.numbers[self.index(row, column)]
+    }
+    /// Writes what is above the diagonal of a block that begins on it.
+    #[inline(always)]
+    pub(crate) fn set_block(&mut self, first: usize, block: &[[T; 6]; 6]) {
+        for j in 0..6 {
+            let start = self.index(first, first + j);
+            let column = &mut self.numbers[start..start + 5 * T::COLUMNS + 1];
+            for i in 0..=j {
+                column[i * T::COLUMNS] = block[i][j];
+            }
+        }
     }
     /// The panel of the columns from place `column` on, each row from there on at multiples of [`Scalar::COLUMNS`].
     #[inline(always)]
