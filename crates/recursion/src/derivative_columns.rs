@@ -126,35 +126,10 @@ impl<T: Scalar> Meetings<T> {
         let panel: &mut [T] = if W::COUNT > 1 { &mut turned[panel(places, at, T::COLUMNS)] } else { &mut [] };
         let lane = at & (T::COLUMNS - W::COUNT.min(T::COLUMNS));
         for joint in passages.inward(places, at, W::COUNT) {
+            if joint.base {
+                continue;
+            }
             each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
-                if joint.base {
-                    let here = view.lane(Table::<T, ROWS>::start(joint.first));
-                    if TURNING {
-                        let all = along_axes(&here.vectors(AXES), &inertia);
-                        each_axis!(|I| columns
-                            .outboard::<ALL, _, _>(all[I])
-                            .store(&mut d_da[(joint.first + I) * s + at..]));
-                    }
-                    let velocity = weigh_velocity::<T, W, TURNING>(&here, inertia, gyroscopic);
-                    let mut position = [W::zero(); 3];
-                    // Without `TURNING`, the first base's columns by its place are known.
-                    if TURNING || joint.first != places.margin {
-                        position = weigh_position(&here, inertia);
-                    }
-                    each_axis!(|I| if W::COUNT == 1 {
-                        let position = if I < 3 { position[I % 3] } else { W::zero() };
-                        rates.set(at, joint.first + I, [position, velocity[I]]);
-                    } else {
-                        let row = &mut panel[(joint.first + I) * 2 * T::COLUMNS..][..2 * T::COLUMNS];
-                        if I < 3 {
-                            columns.outboard::<ALL, _, _>(position[I % 3]).store(&mut row[lane..]);
-                        }
-                        if I < 3 || TURNING {
-                            columns.outboard::<ALL, _, _>(velocity[I]).store(&mut row[T::COLUMNS + lane..]);
-                        }
-                    });
-                    continue;
-                }
                 for place in joint.first..joint.inner.min(at + W::COUNT) {
                     let here = view.lane(Table::<T, ROWS>::start(place));
                     if TURNING {
@@ -191,6 +166,32 @@ impl<T: Scalar> Meetings<T> {
                 }
             });
         }
+        for base in passages.bases(at, W::COUNT) {
+            let (first, columns) = (base.first, base.columns(at, W::COUNT));
+            let here = view.lane(Table::<T, ROWS>::start(first));
+            if TURNING {
+                let all = along_axes(&here.vectors(AXES), &inertia);
+                each_axis!(|I| all[I].between(0, columns.to).store(&mut d_da[(first + I) * s + at..]));
+            }
+            let velocity = weigh_velocity::<T, W, TURNING>(&here, inertia, gyroscopic);
+            let mut position = [W::zero(); 3];
+            // Without `TURNING`, the first base's columns by its place are known.
+            if TURNING || first != places.margin {
+                position = weigh_position(&here, inertia);
+            }
+            each_axis!(|I| if W::COUNT == 1 {
+                let position = if I < 3 { position[I % 3] } else { W::zero() };
+                rates.set(at, first + I, [position, velocity[I]]);
+            } else {
+                let row = &mut panel[(first + I) * 2 * T::COLUMNS..][..2 * T::COLUMNS];
+                if I < 3 {
+                    position[I % 3].between(0, columns.to).store(&mut row[lane..]);
+                }
+                if I < 3 || TURNING {
+                    velocity[I].between(0, columns.to).store(&mut row[T::COLUMNS + lane..]);
+                }
+            });
+        }
     }
     /// Rows of the joints from the columns from place `at` on.
     #[inline(always)]
@@ -205,16 +206,10 @@ impl<T: Scalar> Meetings<T> {
         let Meetings { rates, passages, .. } = self;
         let mut rates = rates.view();
         for joint in passages.inward(places, at, W::COUNT) {
+            if joint.base {
+                continue;
+            }
             each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
-                if joint.base {
-                    let axes = view.lane(Table::<T, ROWS>::start(joint.first)).vectors(AXES);
-                    let (x, y) = (along_axes(&axes, &position), along_axes(&axes, &velocity));
-                    each_axis!(|I| {
-                        let both = [columns.outboard::<ALL, _, _>(x[I]), columns.outboard::<ALL, _, _>(y[I])];
-                        rates.put(joint.first + I, at, both);
-                    });
-                    continue;
-                }
                 let mut seen = position;
                 if !ALL && joint.inner > joint.first + 1 && columns.own > columns.from {
                     // Axes of the same joint do not turn each other's force.
@@ -243,6 +238,12 @@ impl<T: Scalar> Meetings<T> {
                     velocity.moment = d.cross_add(velocity.force, velocity.moment);
                 }
             });
+        }
+        for base in passages.bases(at, W::COUNT) {
+            let to = base.columns(at, W::COUNT).to;
+            let axes = view.lane(Table::<T, ROWS>::start(base.first)).vectors(AXES);
+            let (x, y) = (along_axes(&axes, &position), along_axes(&axes, &velocity));
+            each_axis!(|I| rates.put(base.first + I, at, [x[I].between(0, to), y[I].between(0, to)]));
         }
     }
     /// What was turned over goes to its rows, beside what is there of the rows' own joints and of those outboard.

@@ -320,6 +320,8 @@ pub(crate) use each_way;
 #[derive(Clone, Debug)]
 pub(crate) struct Passages {
     joints: Vec<Passage>,
+    /// Those of floating bases.
+    bases: Vec<Passage>,
     /// The joint of every place; of the empty ones the first.
     of: Vec<usize>,
     /// The first place of that joint.
@@ -352,7 +354,8 @@ impl Passages {
             Some(*sum)
         });
         let linear_before = core::iter::once(0).chain(before).collect();
-        Passages { joints, of, first, linear_before }
+        let bases = joints.iter().filter(|joint| joint.base).copied().collect();
+        Passages { joints, bases, of, first, linear_before }
     }
     /// The first places of the joints of some places.
     #[inline(always)]
@@ -368,6 +371,12 @@ impl Passages {
     #[inline(always)]
     pub(crate) fn is_linear(&self, at: usize, count: usize) -> bool {
         self.linear_before[at + count] > self.linear_before[at]
+    }
+    /// The floating bases that carry any of `count` places from `at` on, or are among them. What a column carries past all other joints is
+    /// what it brings to its base.
+    #[inline(always)]
+    pub(crate) fn bases(&self, at: usize, count: usize) -> impl Iterator<Item = &Passage> {
+        self.bases.iter().filter(move |base| base.first < at + count && base.end > at)
     }
     /// The joints of `count` places from `at` on, the last one first, then those inboard of the first place, which are all that are
     /// inboard of any.

@@ -97,17 +97,10 @@ impl<T: Scalar> Innovations<T> {
             }
             let mut z: Wrench<W> = gains.at(at).wrench(GAIN);
             for joint in passages.inward(places, at, W::COUNT) {
+                if joint.base {
+                    continue;
+                }
                 each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
-                    if joint.base {
-                        let axes = bodies.lane(Table::<T, N>::start(joint.first)).vectors(AXES);
-                        let all = along_axes(&axes, &-z);
-                        let all = floating_base::innovations(&base_gains(&mut gains, joint.first), all);
-                        each_axis!(|I| {
-                            let x = if ALL { all[I] } else { all[I].between(columns.own, columns.to) };
-                            x.store(&mut operator[(joint.first + I) * s + at..]);
-                        });
-                        continue;
-                    }
                     let several = joint.inner > joint.first + 1;
                     for place in joint.first..joint.inner {
                         let axis = bodies.lane(Table::<T, N>::start(place)).motion(AXIS);
@@ -139,6 +132,16 @@ impl<T: Scalar> Innovations<T> {
                     } else {
                         z.moment = columns.moving::<ALL, _, _>(d).cross_add(z.force, z.moment);
                     }
+                });
+            }
+            for base in passages.bases(at, W::COUNT) {
+                let columns = base.columns(at, W::COUNT);
+                let axes = bodies.lane(Table::<T, N>::start(base.first)).vectors(AXES);
+                let all = along_axes(&axes, &-z);
+                let all = floating_base::innovations(&base_gains(&mut gains, base.first), all);
+                each_axis!(|I| {
+                    let x = all[I].between(columns.own, columns.to);
+                    x.store(&mut operator[(base.first + I) * s + at..]);
                 });
             }
             at += W::COUNT;
