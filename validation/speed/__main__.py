@@ -39,7 +39,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--comparison", action="store_true", help="leave out phipsi's long chains and its Python package")
     parser.add_argument("--cache", type=Path, default=build.ROOT / "target" / "speed", help="folder of the built timers")
     parser.add_argument("--json", type=Path, help="write all figures to this file")
-    parser.add_argument("--page", action="store_true", help="write docs/src/speed.md and its chart")
+    parser.add_argument("--page", action="store_true", help="write docs/src/speed.md and its chart (speed_without_avx512.md on a processor without)")
     return parser
 
 

@@ -9,12 +9,14 @@ from pathlib import Path
 from .python import show
 from .timer import duration, median
 
-_HEAD = """# Speed
+_HEAD = """# {title}
 
 phipsi beside other programs on the same models and states, taking turns on one machine. Written by `python -m validation.speed --page`;
 to repeat it, `pip install -r validation/requirements.txt ./crates/python`, then run that command.
 
-![Time of phipsi over time of the others](images/speed.svg)
+![Time of phipsi over time of the others](images/{name}.svg)
+
+{other}
 
 - Every call starts from (q, v, …) with nothing cached; kinematics are included on all sides. 64 random states are cycled; a measurement is
   at least 300 µs of thread CPU time; the sides take turns, and the medians of both are compared.
@@ -31,6 +33,13 @@ to repeat it, `pip install -r validation/requirements.txt ./crates/python`, then
   lanes, compiler and flags first. Instructions instead of times, for regressions: `python3 tools/instructions.py --check tools/instructions.json` (valgrind).
 """
 
+#: A page for processors with AVX-512, and one for all others: ratios are other ones there.
+_WIDE, _NARROW = "speed", "speed_without_avx512"
+_TITLES = {_WIDE: "Speed", _NARROW: "Speed without AVX-512"}
+_OTHERS = {
+    _WIDE: f"Measured on a processor with AVX-512, which takes eight numbers at once. Others: [{_TITLES[_NARROW]}]({_NARROW}.md).",
+    _NARROW: f"Measured on a processor without AVX-512: registers hold four numbers (AVX2) or fewer. With it: [{_TITLES[_WIDE]}]({_WIDE}.md).",
+}
 
 _LONG = """## Long chains
 
@@ -79,9 +88,16 @@ def _error(error: float | None) -> str:
     return "–" if error is None else f"{error:.0e}"
 
 
+def name(run: dict) -> str:
+    """The page's name: that of its file and of its chart's."""
+    return _WIDE if run["avx512"] else _NARROW
+
+
 def text(run: dict) -> str:
     """The page in Markdown."""
-    parts = [_HEAD, f"## The run\n\n{run['date']}; {run['machine']}; {run['rounds']} rounds.\n"]
+    own = name(run)
+    head = _HEAD.format(title=_TITLES[own], name=own, other=_OTHERS[own])
+    parts = [head, f"## The run\n\n{run['date']}; {run['machine']}; {run['rounds']} rounds.\n"]
     programs = [[name, p["version"], p["compiler"], f"`{p['flags']}`"] for name, p in run["programs"].items()]
     parts.append(_table(["program", "version", "compiler", "flags"], programs) + "\n")
     parts += [f"**{remark}.**\n" for remark in run["remarks"]]
@@ -174,5 +190,5 @@ def chart(run: dict) -> str:
 
 def write(run: dict, docs: Path) -> None:
     """Writes both into the documentation's source folder."""
-    (docs / "speed.md").write_text(text(run))
-    (docs / "images" / "speed.svg").write_text(chart(run))
+    (docs / f"{name(run)}.md").write_text(text(run))
+    (docs / "images" / f"{name(run)}.svg").write_text(chart(run))

@@ -229,7 +229,7 @@ class Run:
             rows.append({"model": row.model, "dof": row.dof, "operation": row.operation, "ns": row.times, "ratios": ratios, "differences": row.differences, "errors": row.errors})
         keys = ("date", "rounds", "programs", "remarks", "chains", "explained", "left_out", "refused")
         python = as_json(self.python)
-        return {"machine": machine(), "python": python, **{key: getattr(self, key) for key in keys}, "rows": rows}
+        return {"machine": machine(), "avx512": has_avx512(), "python": python, **{key: getattr(self, key) for key in keys}, "rows": rows}
 
 
 def machine() -> str:
@@ -240,3 +240,11 @@ def machine() -> str:
         names = [line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
         name = names[0] if names else name
     return f"{name}, {platform.system()}"
+
+
+def has_avx512() -> bool:
+    """True if phipsi takes eight numbers at once on this processor."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    flags = next((line.split() for line in lines if line.startswith("flags")), [])
+    return {"avx2", "fma", "avx512f"} <= set(flags)

@@ -385,8 +385,11 @@ def test_page_and_chart(timer, tmp_path):
     run.chains.append({"bodies": 64, "ns_per_body": 50.0, "ratio": 1.0, "bar": None})
     run.python.append(python.Figure("one call", 2100.0, "ns", 2000.0))
     (tmp_path / "images").mkdir()
-    page.write(run.as_json(), tmp_path)
+    page.write(run.as_json() | {"avx512": False}, tmp_path)
+    assert "[Speed](speed.md)" in (tmp_path / "speed_without_avx512.md").read_text()
+    page.write(run.as_json() | {"avx512": True}, tmp_path)
     text = (tmp_path / "speed.md").read_text()
+    assert text.startswith("# Speed\n") and "[Speed without AVX-512](speed_without_avx512.md)" in text
     assert "| arm (2) | 460 ns | 1 µs · **0.46** † |" in text and "does not count" in text and "| 64 | 50.0 |" in text
     assert "| one call | 2.1 µs | ≤ 2 µs |" in text and "one call: 2.1 µs (OVER 2 µs)" in run.text()
     root = ElementTree.parse(tmp_path / "images" / "speed.svg").getroot()
