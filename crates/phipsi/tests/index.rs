@@ -5,12 +5,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Files of `recursion` that hold no algorithm.
-const SUPPORT: [&str; 16] = [
+const SUPPORT: [&str; 17] = [
     "batch",
     "branching",
     "composites",
     "derivative_columns",
     "error",
+    "floating_base",
     "form",
     "ground_axes",
     "hinge",

@@ -8,7 +8,7 @@
 //!
 //! L is unit triangular in the order of elimination (joints outboard first, components of a joint in their order). Nothing is
 //! subtracted in products with it that the filter does not subtract too: it keeps the digits that a Cholesky factor of M loses
-//! where heavy bodies hang on light ones. A floating base has its gains in its own axes ([`crate::floating_base`]).
+//! where heavy bodies hang on light ones. A floating base has its gains in its own axes (`floating_base.rs`).
 
 use crate::articulated_sweep::{ArticulatedSweep, Pivot};
 use crate::error::DynamicsError;
