@@ -140,3 +140,56 @@ pub(crate) fn motion<T: Scalar, W: Wide<T>>(axes: &Directions<T>, x: [W; 6]) -> 
     let [a, b, c, d, e, f] = x;
     Motion::new(combine(&axes, Vec3([a, b, c])), combine(&axes, Vec3([d, e, f])))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::layout::Layout;
+    use crate::places::Places;
+    use core::convert::Infallible;
+    use phipsi_reference::generate::case;
+
+    /// Λ D Λ* is P, and Λ⁻¹ Λ the identity. Each entry of the product has at most six terms, no larger than √(P_ii P_jj) as P is
+    /// positive definite, of two roundings each, and as many come from the factors.
+    #[test]
+    fn gains_factor_an_inertia() {
+        let mut P = RigidInertia::from_center_of_mass(
+            2.0,
+            Vec3([0.1, -0.3, 0.2]),
+            Sym3 { xx: 0.5, xy: 0.02, xz: -0.03, yy: 0.4, yz: 0.01, zz: 0.6 },
+        )
+        .to_articulated();
+        P.add_outer(Wrench::from_array([0.3, -0.2, 0.9, 1.0, -0.4, 0.1]), 0.7);
+        let axes = [Vec3::unit(0), Vec3::unit(1), Vec3::unit(2)];
+        let Ok((gains, inverses)) = factor(&axes, &P, |_, D: f64, _| Ok::<f64, Infallible>(1.0 / D));
+        let (rows, inverse) = (P.to_rows(), inverse(&gains));
+        for i in 0..6 {
+            for j in 0..6 {
+                let product: f64 = (0..6).map(|k| gains[k][i] * gains[k][j] / inverses[k]).sum();
+                let allowed = 24.0 * f64::EPSILON * (rows[i][i] * rows[j][j]).sqrt();
+                assert!((product - rows[i][j]).abs() <= allowed, "[{i}, {j}]");
+                let one: f64 = (0..6).map(|k| inverse[i][k] * gains[j][k]).sum();
+                let terms: f64 = (0..6).map(|k| (inverse[i][k] * gains[j][k]).abs()).sum();
+                assert!(
+                    (one - f64::from(u8::from(i == j))).abs() <= 24.0 * f64::EPSILON * terms,
+                    "[{i}, {j}]"
+                );
+            }
+        }
+    }
+
+    /// The generated tests of matrices and derivatives see bases behind other trees, several of them, and such without limbs.
+    #[test]
+    fn generated_trees_have_bases_everywhere() {
+        let (mut behind, mut several, mut bare) = (0, 0, 0);
+        for seed in 0..500 {
+            let layout = Layout::<f64>::new(&case(seed).model);
+            let places = Places::new::<f64>(&layout);
+            behind += usize::from(places.bases.iter().any(|&first| first > places.margin));
+            several += usize::from(places.bases.len() > 1);
+            let bodies = layout.bodies();
+            bare += usize::from(bodies.iter().any(|body| body.floats() && body.children == 0));
+        }
+        assert!(behind > 10 && several > 10 && bare > 10, "{behind}, {several}, {bare}");
+    }
+}

@@ -13,7 +13,8 @@ use phipsi_spatial::{Mat3, Motion, Scalar, Sym3, Vec3, Wrench};
 /// Rows that a product takes at once.
 pub(crate) const ROWS: usize = 4;
 
-/// Tiles of zeros are not written one by one if more than one of so many is.
+/// Tiles of zeros are not written one by one if more than one of so many is. An estimate: a tile takes some 130 instructions (15 tiles of
+/// a quadruped's mass matrix, AVX2, callgrind), clearing its share of a matrix a few.
 const ZERO_TILES: usize = 16;
 
 mod aligned;
