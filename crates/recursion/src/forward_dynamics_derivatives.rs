@@ -21,6 +21,7 @@ use phipsi_spatial::{Scalar, Vec3, Wrench};
 mod filter;
 
 use filter::{Filter, smooth};
+use filter::Sweep as FilterSweep;
 
 /// Workspace of the derivatives of forward dynamics.
 #[derive(Clone, Debug)]
@@ -40,7 +41,7 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
         let sweeps = DerivativeSweeps::new(layout);
         ForwardDynamicsDerivatives {
             shifts: Shifts::new(layout),
-            filter: Filter::new(layout),
+            filter: Filter::new(layout, &sweeps.places),
             innovations: Innovations::with_products(
                 layout,
                 &sweeps.places,
@@ -129,9 +130,11 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Accelerate<'_, T> {
         let ForwardDynamicsDerivatives { shifts, sweeps, filter, innovations, acceleration, .. } = work;
         shifts.set_all(layout, q);
         sweeps.move_bodies::<false, W>(layout, shifts, v, &[]);
-        let (places, mut view, mut gains) = (&sweeps.places, sweeps.table.view(), innovations.gains());
+        let (places, view, gains) = (&sweeps.places, sweeps.table.view(), innovations.gains());
         let residuals = T::arithmetic_mut(acceleration);
-        filter.inward(layout, places, &mut view, &mut gains, residuals)?;
+        let mut sweep = FilterSweep { layout, places, view, gains, residuals };
+        filter.inward::<W>(&mut sweep)?;
+        let FilterSweep { mut view, mut gains, residuals, .. } = sweep;
         accelerate_outboard(layout, places, &mut view, |view, body, place, alpha| {
             smooth(body, place, view, &mut gains, residuals, alpha);
         });

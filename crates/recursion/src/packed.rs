@@ -189,8 +189,7 @@ impl<S> Packed<S> {
         let up = Up {
             z: Coefficients::about_z(turn),
             x: Coefficients::about_x(twist),
-            lever: S::first_half(ly, lz, lx),
-            lever_back: S::first_half(lz, lx, ly),
+            lever: Lever::new(lx, ly, lz),
         };
         let [a, b, g, d, e, f] = self.P;
         let (a, b, d, e, f, force) = (up.of(a), up.of(b), up.of(d), up.of(e), up.of(f), up.of(self.z));
@@ -275,8 +274,7 @@ impl<S> Packed<S> {
 struct Up<S> {
     z: Coefficients<S>,
     x: Coefficients<S>,
-    lever: S,
-    lever_back: S,
+    lever: Lever<S>,
 }
 
 impl<S> Up<S> {
@@ -285,9 +283,40 @@ impl<S> Up<S> {
     where
         S: SixLanes<T>,
     {
-        let v = self.x.x_up(self.z.z_up(v));
-        // Moment + l × force.
-        let ahead = self.lever.times_plus(v.second_zxy(), v);
-        self.lever_back.subtract_from(v.second_yzx(), ahead)
+        self.lever.up(self.x.x_up(self.z.z_up(v)))
+    }
+}
+
+/// Shifts of wrenches by a vector.
+#[derive(Clone, Copy)]
+pub(crate) struct Lever<S> {
+    /// (y, z, x) and (z, x, y), in the first half.
+    ahead: S,
+    back: S,
+}
+
+impl<S> Lever<S> {
+    #[inline(always)]
+    fn new<T: Scalar>(x: T, y: T, z: T) -> Self
+    where
+        S: SixLanes<T>,
+    {
+        Lever { ahead: S::first_half(y, z, x), back: S::first_half(z, x, y) }
+    }
+    /// Of x, y, z, x, y, one after the other.
+    #[inline(always)]
+    pub(crate) fn of_three<T: Scalar>(numbers: &[T]) -> Self
+    where
+        S: SixLanes<T>,
+    {
+        Lever { ahead: S::first_three(&numbers[1..4]), back: S::first_three(&numbers[2..5]) }
+    }
+    /// Moment + l × force.
+    #[inline(always)]
+    pub(crate) fn up<T: Scalar>(self, v: S) -> S
+    where
+        S: SixLanes<T>,
+    {
+        self.back.subtract_from(v.second_yzx(), self.ahead.times_plus(v.second_zxy(), v))
     }
 }

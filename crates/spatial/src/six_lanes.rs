@@ -90,8 +90,12 @@ pub trait SixLanes<T: Scalar>:
     fn lane_0(self) -> T;
     /// The vector with x in lane 2.
     fn with_lane_2(self, x: Self) -> Self;
+    /// The first three numbers of a slice, which has as many, in the first half, zeros in the second.
+    fn first_three(x: &[T]) -> Self;
     /// The six columns of a rigid inertia.
     fn rigid(m: &RigidEntries<T::Constant>) -> [Self; 6];
+    /// The same of an inertia that is not a constant.
+    fn rigid_columns(m: &RigidEntries<T>) -> [Self; 6];
 }
 
 /// Eight numbers of any scalar, one after the other.
@@ -251,7 +255,15 @@ impl<T: Scalar> SixLanes<T> for Eight<T> {
         self
     }
     #[inline(always)]
+    fn first_three(x: &[T]) -> Self {
+        Self::first_half(x[0], x[1], x[2])
+    }
+    #[inline(always)]
     fn rigid(m: &RigidEntries<T::Constant>) -> [Self; 6] {
         RIGID_COLUMNS.map(|lanes| Eight(lanes.map(|i| T::constant(m[i]))))
+    }
+    #[inline(always)]
+    fn rigid_columns(m: &RigidEntries<T>) -> [Self; 6] {
+        RIGID_COLUMNS.map(|lanes| Eight(lanes.map(|i| m[i])))
     }
 }

@@ -98,7 +98,8 @@ fn answer(operation: Operation<'_>, states: &States, repetitions: i64) -> Result
         let state = repetitions.unsigned_abs() as usize % states.count;
         call(state, &mut out)?;
         let result = &out[if batch { state * size } else { 0 }..][..size];
-        return Ok(result.iter().fold("result".into(), |line, x| format!("{line} {x:e}")));
+        let words: Vec<String> = result.iter().map(|x| format!(" {x:e}")).collect();
+        return Ok(format!("result{}", words.concat()));
     }
     let calls = (repetitions as usize).div_ceil(per_call);
     let mut state = 0;

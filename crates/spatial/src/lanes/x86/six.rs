@@ -104,19 +104,34 @@ impl SixLanes<Fused> for F64x8 {
         unsafe { F64x8(_mm512_mask_mov_pd(self.0, 0x04, x.0)) }
     }
     #[inline(always)]
+    fn first_three(x: &[Fused]) -> Self {
+        let x: &[Fused] = &x[..3];
+        unsafe { F64x8(_mm512_maskz_loadu_pd(0b111, x.as_ptr().cast())) }
+    }
+    #[inline(always)]
     fn rigid(m: &RigidEntries<f64>) -> [Self; 6] {
-        let [a, b, c, d, e, f] = RIGID_COLUMNS;
-        unsafe {
-            let (low, high) = (_mm512_loadu_pd(m.as_ptr()), _mm512_loadu_pd(m.as_ptr().add(8)));
-            [
-                F64x8(_mm512_permutex2var_pd(low, lanes_of(a), high)),
-                F64x8(_mm512_permutex2var_pd(low, lanes_of(b), high)),
-                F64x8(_mm512_permutex2var_pd(low, lanes_of(c), high)),
-                F64x8(_mm512_permutex2var_pd(low, lanes_of(d), high)),
-                F64x8(_mm512_permutex2var_pd(low, lanes_of(e), high)),
-                F64x8(_mm512_permutex2var_pd(low, lanes_of(f), high)),
-            ]
-        }
+        unsafe { columns(m.as_ptr()) }
+    }
+    #[inline(always)]
+    fn rigid_columns(m: &RigidEntries<Fused>) -> [Self; 6] {
+        unsafe { columns(m.as_ptr().cast()) }
+    }
+}
+
+/// The columns of a rigid inertia, whose 16 entries begin at `m`.
+#[inline(always)]
+unsafe fn columns(m: *const f64) -> [F64x8; 6] {
+    let [a, b, c, d, e, f] = RIGID_COLUMNS;
+    unsafe {
+        let (low, high) = (_mm512_loadu_pd(m), _mm512_loadu_pd(m.add(8)));
+        [
+            F64x8(_mm512_permutex2var_pd(low, lanes_of(a), high)),
+            F64x8(_mm512_permutex2var_pd(low, lanes_of(b), high)),
+            F64x8(_mm512_permutex2var_pd(low, lanes_of(c), high)),
+            F64x8(_mm512_permutex2var_pd(low, lanes_of(d), high)),
+            F64x8(_mm512_permutex2var_pd(low, lanes_of(e), high)),
+            F64x8(_mm512_permutex2var_pd(low, lanes_of(f), high)),
+        ]
     }
 }
 
