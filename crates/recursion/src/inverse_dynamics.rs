@@ -14,7 +14,8 @@ use crate::flexible;
 use crate::hinge::{Hinge, each_component};
 use crate::kernel::kernel;
 use crate::kinematics::relative;
-use crate::layout::{GROUND, Layout, Shifts, TOGETHER};
+use crate::layout::{GROUND, Layout, LayoutBody, Passage, Shifts, TOGETHER};
+use crate::link::each_shape;
 use core::ops::Range;
 use phipsi_spatial::{Motion, RigidInertia, Scalar, Vec3, Wrench};
 
@@ -174,35 +175,40 @@ impl<T: Scalar> Run<'_, T> {
         let (first, end, given) = (self.first::<WHOLE>(), numbers.end, self.outside);
         let bodies = &layout.bodies[first..first + end];
         let (moving, force) = (&mut self.moving[..end], &mut self.force[..end]);
-        for i in numbers.clone() {
-            let (k, body) = (first + i, &bodies[i]);
-            self.shifts.set::<WHOLE>(i, i - numbers.start, body, q);
-            let passage = self.shifts.at(i, body);
-            let joint = body.hinge.expand(&v[body.v..]);
-            let inboard = match body.parent {
+        let mut i = numbers.start;
+        while i < end {
+            let mut inboard = match bodies[i].parent {
                 GROUND => given,
-                _ if body.follows_parent(k) => previous,
+                _ if bodies[i].follows_parent(first + i) => previous,
                 parent if WHOLE => moving[parent],
                 parent => moving.get(parent.wrapping_sub(first)).copied().unwrap_or(given),
             };
-            let mut alpha = passage.motion_to_child(inboard.1) + body.hinge.expand(&a[body.v..]);
-            if matches!(body.hinge, Hinge::Planar | Hinge::Free) {
-                alpha += body.hinge.turning(&v[body.v..]);
+            // Along a run of first children the motion stays in registers.
+            loop {
+                let body = &bodies[i];
+                inboard = if let Hinge::Revolute = body.hinge {
+                    let turn = self.shifts.turned::<WHOLE>(i - numbers.start, body, q);
+                    self.shifts.set_turn(i, turn);
+                    let shift = body.link.hinged(turn);
+                    let (carried, alpha) = each_shape!(body.link, |link| link.carried_along(&shift, inboard));
+                    let ([x, y, z], [dx, dy, dz]) = (carried.0, alpha.angular.0);
+                    let (rate, push) = (v[body.v], a[body.v]);
+                    let angular = Vec3([y.fma(rate, dx), (-x).fma(rate, dy), dz + push]);
+                    (Vec3([x, y, z + rate]), Motion::new(angular, alpha.linear))
+                } else {
+                    self.shifts.set::<WHOLE>(i, i - numbers.start, body, q);
+                    motion_past(body, self.shifts.at(i, body), (&v[body.v..], &a[body.v..]), inboard)
+                };
+                force[i] = RigidInertia::constant(&body.inertia).force(inboard.0, inboard.1);
+                if body.children > 1 {
+                    moving[i] = inboard;
+                }
+                i += 1;
+                if i == end || !bodies[i].follows_parent(first + i) {
+                    break;
+                }
             }
-            let omega = if body.parent == GROUND {
-                joint.angular
-            } else {
-                let (carried, centripetal) = passage.carried(inboard.0);
-                let (omega, coriolis) = relative(&body.hinge, carried, centripetal, joint);
-                alpha += coriolis;
-                omega
-            };
-            let M = RigidInertia::constant(&body.inertia);
-            force[i] = M.momentum(alpha) + M.gyroscopic(omega);
-            previous = (omega, alpha);
-            if body.children > 1 {
-                moving[i] = previous;
-            }
+            previous = inboard;
         }
         previous
     }
@@ -222,6 +228,15 @@ impl<T: Scalar> Run<'_, T> {
                 f += loads[k];
             }
             let v = body.v - first_v;
+            if let Hinge::Revolute = body.hinge {
+                out[v] = f.moment.0[2];
+                if body.parent != GROUND {
+                    let shift = body.link.hinged(self.shifts.turn(i));
+                    let moved = each_shape!(body.link, |link| link.wrench_to_parent(&shift, f));
+                    self.given.pending.give(k, body, &mut hand, moved);
+                }
+                continue;
+            }
             let along = &mut out[v..v + body.hinge.nv()];
             each_component!(body.hinge, |I, C| along[I] = f.get(C), along[0] = body.hinge.project(0, &f));
             if body.parent != GROUND {
@@ -232,6 +247,27 @@ impl<T: Scalar> Run<'_, T> {
             self.given.hand = hand;
         }
     }
+}
+
+/// ω and α past any joint with these rates of its coordinates.
+#[inline(always)]
+fn motion_past<T: Scalar>(
+    body: &LayoutBody<T::Constant>,
+    passage: Passage<'_, T>,
+    (v, a): (&[T], &[T]),
+    inboard: Moving<T>,
+) -> Moving<T> {
+    let joint = body.hinge.expand(v);
+    let mut alpha = passage.motion_to_child(inboard.1) + body.hinge.expand(a);
+    if matches!(body.hinge, Hinge::Planar | Hinge::Free) {
+        alpha += body.hinge.turning(v);
+    }
+    if body.parent == GROUND {
+        return (joint.angular, alpha);
+    }
+    let (carried, centripetal) = passage.carried(inboard.0);
+    let (omega, coriolis) = relative(&body.hinge, carried, centripetal, joint);
+    (omega, alpha + coriolis)
 }
 
 /// [`InverseDynamics::run`] for a single call.

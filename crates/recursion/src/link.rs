@@ -353,6 +353,20 @@ impl<C: Real> Link<C> {
         let centripetal = omega.cross(omega.cross(shift.offset));
         (self.vector_down(shift.turn, omega), self.vector_down(shift.turn, centripetal))
     }
+    /// Rᵀ ω and φ*(p, k) α with Rᵀ (ω × (ω × l)): what the parent's motion gives the body.
+    #[inline(always)]
+    pub(crate) fn carried_along<T: Scalar<Constant = C>>(
+        &self,
+        shift: &Shift<T>,
+        (omega, alpha): (Vec3<T>, Motion<T>),
+    ) -> (Vec3<T>, Motion<T>) {
+        let (omega, angular) = (self.first_down(omega), self.first_down(alpha.angular));
+        let tangential = angular.cross_add(shift.offset, self.first_down(alpha.linear));
+        let linear = omega.cross_add(omega.cross(shift.offset), tangential);
+        let alpha =
+            Motion::new(self.vector_down(shift.turn, angular), self.vector_down(shift.turn, linear));
+        (self.vector_down(shift.turn, omega), alpha)
+    }
     /// φ(p, k) M φ*(p, k) + `own`.
     #[inline(always)]
     pub(crate) fn rigid_onto_parent<T: Scalar<Constant = C>>(

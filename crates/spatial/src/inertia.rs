@@ -79,6 +79,14 @@ impl<T: Scalar> RigidInertia<T> {
     pub fn gyroscopic(&self, omega: Vec3<T>) -> Wrench<T> {
         Wrench::new(omega.cross(self.inertia * omega), omega.cross(omega.cross(self.first_moment)))
     }
+    /// M α and the forces of turning: the rate of momentum of [`Self::gyroscopic`].
+    #[inline(always)]
+    pub fn force(&self, omega: Vec3<T>, alpha: Motion<T>) -> Wrench<T> {
+        let (J, h) = (&self.inertia, self.first_moment);
+        let moment = omega.cross_add(*J * omega, h.cross_add(alpha.linear, *J * alpha.angular));
+        let tangential = alpha.angular.cross_add(h, alpha.linear.scale(self.mass));
+        Wrench::new(moment, omega.cross_add(omega.cross(h), tangential))
+    }
     /// The same inertia as an articulated one.
     #[inline(always)]
     pub fn to_articulated(&self) -> ArticulatedInertia<T> {
