@@ -19,7 +19,7 @@ use crate::kernel::kernel;
 use crate::kinematics::{relative, relative_revolute};
 use crate::layout::{GROUND, Layout, Shifts, TOGETHER, each_kind};
 use crate::link::each_shape;
-use crate::packed::Packed;
+use crate::packed::{Eliminated, Packed, pivot};
 use core::ops::Range;
 use num_traits::Zero;
 use phipsi_spatial::{ArticulatedInertia, Motion, Scalar, SixLanes, Vec3, Wrench};
@@ -179,7 +179,7 @@ kernel! {
         let numbers = 0..layout.bodies.len();
         run.sweep_velocities::<true>(numbers.clone());
         run.filter::<true>(numbers.clone())?;
-        run.sweep_outboard::<true>(numbers);
+        run.smoother::<true>(numbers);
         Ok(())
     }
 }
@@ -213,40 +213,47 @@ impl<T: Scalar> Run<'_, T> {
         let (first, end, given) = (self.first::<WHOLE>(), numbers.end, self.outside.0);
         let bodies = &layout.bodies[first..first + end];
         let moving = &mut self.moving[..end];
-        for i in numbers.clone() {
-            let (k, body) = (first + i, &bodies[i]);
-            let inboard = match body.parent {
+        let mut i = numbers.start;
+        while i < end {
+            let mut omega = match bodies[i].parent {
                 GROUND => given,
-                _ if body.follows_parent(k) => previous,
+                _ if bodies[i].follows_parent(first + i) => previous,
                 parent if WHOLE => moving[parent].omega,
                 parent => moving.get(parent.wrapping_sub(first)).map_or(given, |parent| parent.omega),
             };
-            if let Hinge::Revolute = body.hinge {
-                let (turn, rate) = (self.shifts.turned::<WHOLE>(i - numbers.start, body, q), v[body.v]);
-                self.shifts.set_turn(i, turn);
-                if body.parent == GROUND {
-                    previous = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);
-                    moving[i] = Moving { omega: previous, coriolis: Motion::zero() };
-                    continue;
-                }
-                let shift = body.link.hinged(turn);
-                let (carried, centripetal) = each_shape!(body.link, |link| link.carried(&shift, inboard));
-                let (omega, coriolis) = relative_revolute(carried, centripetal, rate);
-                moving[i] = Moving { omega, coriolis };
-                previous = omega;
-                continue;
-            }
-            let (omega, coriolis) = each_kind!(body, |known| {
-                self.shifts.set::<WHOLE>(i, i - numbers.start, known, q);
-                let joint = known.hinge.expand(&v[known.v..]);
-                if known.parent == GROUND {
-                    (joint.angular, Motion::zero())
+            // Along a run of first children ω stays in registers.
+            loop {
+                let body = &bodies[i];
+                let coriolis;
+                if let Hinge::Revolute = body.hinge {
+                    let (turn, rate) = (self.shifts.turned::<WHOLE>(i - numbers.start, body, q), v[body.v]);
+                    self.shifts.set_turn(i, turn);
+                    if body.parent == GROUND {
+                        omega = Vec3([T::Arithmetic::zero(), T::Arithmetic::zero(), rate]);
+                        coriolis = Motion::zero();
+                    } else {
+                        let shift = body.link.hinged(turn);
+                        let (carried, centripetal) = each_shape!(body.link, |link| link.carried(&shift, omega));
+                        (omega, coriolis) = relative_revolute(carried, centripetal, rate);
+                    }
                 } else {
-                    let (carried, centripetal) = self.shifts.at(i, known).carried(inboard);
-                    relative(&known.hinge, carried, centripetal, joint)
+                    (omega, coriolis) = each_kind!(body, |known| {
+                        self.shifts.set::<WHOLE>(i, i - numbers.start, known, q);
+                        let joint = known.hinge.expand(&v[known.v..]);
+                        if known.parent == GROUND {
+                            (joint.angular, Motion::zero())
+                        } else {
+                            let (carried, centripetal) = self.shifts.at(i, known).carried(omega);
+                            relative(&known.hinge, carried, centripetal, joint)
+                        }
+                    });
                 }
-            });
-            moving[i] = Moving { omega, coriolis };
+                moving[i] = Moving { omega, coriolis };
+                i += 1;
+                if i == end || !bodies[i].follows_parent(first + i) {
+                    break;
+                }
+            }
             previous = omega;
         }
         previous
@@ -288,15 +295,11 @@ impl<T: Scalar> Run<'_, T> {
                 if body.parent != GROUND {
                     hand.add_coriolis(coriolis);
                 }
-                match hand.eliminate_revolute(residuals[v]) {
-                    Ok((pivot, nu)) => (pivots[v], residuals[v]) = (pivot, nu),
-                    Err(D) => return Err(layout.singular(body.v, D)),
-                }
-                let moved = if body.parent == GROUND {
-                    Packed::zero::<T::Arithmetic>()
-                } else {
-                    hand.moved::<_, true>(&body.link, &body.link.hinged(self.shifts.turn(i)))
-                };
+                let Eliminated { gain, inverse, nu } =
+                    hand.eliminate_revolute(residuals[v]).map_err(|D| layout.singular(body.v, D))?;
+                let shift = body.link.hinged(self.shifts.turn(i));
+                let (moved, gain) = hand.moved::<_, true>(&body.link, &shift, gain);
+                (pivots[v], residuals[v]) = (pivot(gain, inverse), nu);
                 hand = Packed::zero::<T::Arithmetic>();
                 self.packed.pending.give(k, body, &mut hand, moved);
                 continue;
@@ -308,11 +311,10 @@ impl<T: Scalar> Run<'_, T> {
                     hand.z = hand.z + Packed::lanes(&loads[k]);
                 }
                 hand.add_acceleration(coriolis);
-                match hand.eliminate_prismatic(residuals[v]) {
-                    Ok((pivot, nu)) => (pivots[v], residuals[v]) = (pivot, nu),
-                    Err(D) => return Err(layout.singular(body.v, D)),
-                }
-                let moved = hand.moved::<_, false>(&body.link, self.shifts.shift(i));
+                let Eliminated { gain, inverse, nu } =
+                    hand.eliminate_prismatic(residuals[v]).map_err(|D| layout.singular(body.v, D))?;
+                let (moved, gain) = hand.moved::<_, false>(&body.link, self.shifts.shift(i), gain);
+                (pivots[v], residuals[v]) = (pivot(gain, inverse), nu);
                 hand = Packed::zero::<T::Arithmetic>();
                 self.packed.pending.give(k, body, &mut hand, moved);
                 continue;
@@ -342,9 +344,19 @@ impl<T: Scalar> Run<'_, T> {
         Ok(())
     }
 
-    /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after.
     #[inline(always)]
-    fn sweep_outboard<const WHOLE: bool>(&mut self, numbers: Range<usize>) {
+    fn smoother<const WHOLE: bool>(&mut self, numbers: Range<usize>) {
+        if self.call.packed {
+            self.sweep_outboard::<WHOLE, true>(numbers);
+        } else {
+            self.sweep_outboard::<WHOLE, false>(numbers);
+        }
+    }
+
+    /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after. `PACKED`: gains of joints of one axis are seen from the parent, so
+    /// that θ̈ and α are calculated side by side.
+    #[inline(always)]
+    fn sweep_outboard<const WHOLE: bool, const PACKED: bool>(&mut self, numbers: Range<usize>) {
         let Call { layout, v, .. } = self.call;
         let (first, first_v) = (self.first::<WHOLE>(), self.first_v::<WHOLE>());
         let (end, given) = (numbers.end, self.outside.1);
@@ -352,32 +364,55 @@ impl<T: Scalar> Run<'_, T> {
         let (moving, alpha_of) = (&self.moving[..end], &mut self.alpha[..end]);
         let (pivots, residuals) = (&*self.pivots, &mut *self.residuals);
         let mut previous = given;
-        for i in numbers {
-            let (k, body) = (first + i, &bodies[i]);
-            let inboard = match body.parent {
+        let mut i = numbers.start;
+        while i < end {
+            let mut alpha = match bodies[i].parent {
                 GROUND => given,
-                _ if body.follows_parent(k) => previous,
+                _ if bodies[i].follows_parent(first + i) => previous,
                 parent if WHOLE => alpha_of[parent],
                 parent => alpha_of.get(parent.wrapping_sub(first)).copied().unwrap_or(given),
             };
-            let at = body.v - first_v;
-            let mut alpha;
-            if let Hinge::Revolute = body.hinge {
-                let shift = body.link.hinged(self.shifts.turn(i));
-                alpha = each_shape!(body.link, |link| link.motion_to_child(&shift, inboard));
-                residuals[at] = smooth_revolute(&pivots[at], &mut alpha, residuals[at]);
-            } else {
-                alpha = each_kind!(body, |known| {
-                    let dofs = at..at + known.hinge.nv();
-                    let mut alpha = self.shifts.at(i, known).motion_to_child(inboard);
-                    smooth(&known.hinge, &pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
-                    known.hinge.subtract_turning(&v[known.v..], &mut residuals[dofs]);
-                    alpha
-                });
-            }
-            alpha += moving[i].coriolis;
-            if body.children > 1 {
-                alpha_of[i] = alpha;
+            // Along a run of first children α stays in registers.
+            loop {
+                let (body, inboard) = (&bodies[i], alpha);
+                let at = body.v - first_v;
+                let a = &moving[i].coriolis;
+                if let Hinge::Revolute = body.hinge {
+                    let shift = body.link.hinged(self.shifts.turn(i));
+                    if PACKED {
+                        alpha =
+                            each_shape!(body.link, |link| link.motion_to_child_plus(&shift, inboard, a));
+                        residuals[at] = residuals[at] - inboard.dot(pivots[at].gain);
+                        alpha.angular.0[2] += residuals[at];
+                    } else {
+                        alpha = each_shape!(body.link, |link| link.motion_to_child(&shift, inboard));
+                        residuals[at] = smooth_revolute(&pivots[at], &mut alpha, residuals[at]);
+                        alpha += *a;
+                    }
+                } else if PACKED
+                    && let Hinge::Prismatic = body.hinge
+                    && body.parent != GROUND
+                {
+                    alpha = self.shifts.at(i, body).motion_to_child(inboard);
+                    residuals[at] = residuals[at] - inboard.dot(pivots[at].gain);
+                    alpha.linear.0[2] += residuals[at];
+                    alpha += *a;
+                } else {
+                    alpha = each_kind!(body, |known| {
+                        let dofs = at..at + known.hinge.nv();
+                        let mut alpha = self.shifts.at(i, known).motion_to_child(inboard);
+                        smooth(&known.hinge, &pivots[dofs.clone()], &mut alpha, &mut residuals[dofs.clone()]);
+                        known.hinge.subtract_turning(&v[known.v..], &mut residuals[dofs]);
+                        alpha + *a
+                    });
+                }
+                if body.children > 1 {
+                    alpha_of[i] = alpha;
+                }
+                i += 1;
+                if i == end || !bodies[i].follows_parent(first + i) {
+                    break;
+                }
             }
             previous = alpha;
         }

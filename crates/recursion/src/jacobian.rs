@@ -28,8 +28,8 @@ impl<T: Scalar> Jacobian<T> {
         Jacobian {
             path: vec![0; n],
             angle: vec![zero; n],
-            sin: vec![zero; n],
-            cos: vec![zero; n],
+            sin: vec![zero; n.next_multiple_of(T::Arithmetic::COLUMNS)],
+            cos: vec![zero; n.next_multiple_of(T::Arithmetic::COLUMNS)],
             frames: vec![([Vec3::zero(); 3], Vec3::zero()); n],
         }
     }
@@ -87,7 +87,7 @@ kernel! {
             depth += 1;
             k = b.parent;
         }
-        T::Arithmetic::sin_cos_all(&angle[..depth], &mut sin[..depth], &mut cos[..depth]);
+        T::Arithmetic::sin_cos_all(&angle[..depth], sin, cos);
         let (o, one) = (T::Arithmetic::zero(), T::Arithmetic::one());
         let mut axes = [Vec3([one, o, o]), Vec3([o, one, o]), Vec3([o, o, one])];
         for m in (0..depth).rev() {

@@ -342,6 +342,21 @@ impl<C: Real> Link<C> {
         let linear = angular.cross_add(shift.offset, self.first_down(v.linear));
         Motion::new(self.vector_down(shift.turn, angular), self.vector_down(shift.turn, linear))
     }
+    /// φ*(p, k) V and a motion of the body.
+    #[inline(always)]
+    pub(crate) fn motion_to_child_plus<T: Scalar<Constant = C>>(
+        &self,
+        shift: &Shift<T>,
+        v: Motion<T>,
+        plus: &Motion<T>,
+    ) -> Motion<T> {
+        let angular = self.first_down(v.angular);
+        let linear = angular.cross_add(shift.offset, self.first_down(v.linear));
+        Motion::new(
+            shift.turn.down_plus(self.twist_down(angular), plus.angular),
+            shift.turn.down_plus(self.twist_down(linear), plus.linear),
+        )
+    }
     /// Rᵀ ω and Rᵀ (ω × (ω × l)): what the parent's turning gives the body.
     #[inline(always)]
     pub(crate) fn carried<T: Scalar<Constant = C>>(

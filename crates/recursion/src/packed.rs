@@ -67,10 +67,22 @@ fn turn_columns<T: Scalar, S: SixLanes<T>>(c: S, s: S, a: S, b: S) -> (S, S) {
     (s.subtract_from(b, c * a), s.times_plus(a, c * b))
 }
 
+/// A gain and 1/D.
 #[inline(always)]
-fn pivot<T: Scalar, S: SixLanes<T>>(G: S, inverse: T) -> Pivot<T> {
+pub(crate) fn pivot<T: Scalar, S: SixLanes<T>>(G: S, inverse: T) -> Pivot<T> {
     let [a, b, c, _, d, e, f, _] = G.to_array();
     Pivot { gain: Wrench::new(Vec3([a, b, c]), Vec3([d, e, f])), inverse }
+}
+
+/// What the filter keeps of a hinge or slider.
+#[derive(Clone, Copy)]
+pub(crate) struct Eliminated<T, S> {
+    /// G.
+    pub(crate) gain: S,
+    /// 1/D.
+    pub(crate) inverse: T,
+    /// ν.
+    pub(crate) nu: T,
 }
 
 impl<S> Packed<S> {
@@ -127,9 +139,9 @@ impl<S> Packed<S> {
         self.z = self.P[2].times_plus(S::fill(a.angular.0[2]), self.z);
         self.add_coriolis(a);
     }
-    /// Filter step of a hinge about z: P⁺, z⁺, its pivot, and ν from T. On failure D.
+    /// Filter step of a hinge about z: P⁺ and z⁺ from T. On failure D.
     #[inline(always)]
-    pub(crate) fn eliminate_revolute<T: Scalar>(&mut self, T: T) -> Result<(Pivot<T>, T), f64>
+    pub(crate) fn eliminate_revolute<T: Scalar>(&mut self, T: T) -> Result<Eliminated<T, S>, f64>
     where
         S: SixLanes<T>,
     {
@@ -150,11 +162,11 @@ impl<S> Packed<S> {
         let epsilon = all - self.z.broadcast::<2>();
         // H G = 1: the component of z⁺ along the axis is T itself.
         self.z = G.times_plus(epsilon, self.z).with_lane_2(all);
-        Ok((pivot(G, inverse), epsilon.lane_0() * inverse))
+        Ok(Eliminated { gain: G, inverse, nu: epsilon.lane_0() * inverse })
     }
     /// The same for a joint along z.
     #[inline(always)]
-    pub(crate) fn eliminate_prismatic<T: Scalar>(&mut self, T: T) -> Result<(Pivot<T>, T), f64>
+    pub(crate) fn eliminate_prismatic<T: Scalar>(&mut self, T: T) -> Result<Eliminated<T, S>, f64>
     where
         S: SixLanes<T>,
     {
@@ -173,15 +185,16 @@ impl<S> Packed<S> {
         self.P[5] = S::fill(T::zero());
         let epsilon = S::fill(T) - self.z.broadcast::<6>();
         self.z = G.times_plus(epsilon, self.z);
-        Ok((pivot(G, inverse), epsilon.lane_0() * inverse))
+        Ok(Eliminated { gain: G, inverse, nu: epsilon.lane_0() * inverse })
     }
-    /// φ P⁺ φ* and φ z⁺. With `HINGE`, after [`Packed::eliminate_revolute`]: the column of the hinge is zero.
+    /// φ P⁺ φ* and φ z⁺, and φ G. With `HINGE`, after [`Packed::eliminate_revolute`]: the column of the hinge is zero.
     #[inline(always)]
     pub(crate) fn moved<T: Scalar, const HINGE: bool>(
         &self,
         link: &Link<T::Constant>,
         shift: &Shift<T>,
-    ) -> Self
+        gain: S,
+    ) -> (Self, S)
     where
         S: SixLanes<T>,
     {
@@ -192,7 +205,8 @@ impl<S> Packed<S> {
             lever: Lever::new(lx, ly, lz),
         };
         let [a, b, g, d, e, f] = self.P;
-        let (a, b, d, e, f, force) = (up.of(a), up.of(b), up.of(d), up.of(e), up.of(f), up.of(self.z));
+        let (a, b, d, e, f) = (up.of(a), up.of(b), up.of(d), up.of(e), up.of(f));
+        let (force, gain) = (up.of(self.z), up.of(gain));
         // The same from the right.
         let (c, s) = (S::fill(turn.cos), S::fill(turn.sin));
         let (a, b) = turn_columns(c, s, a, b);
@@ -206,8 +220,8 @@ impl<S> Packed<S> {
         let g = ly.subtract_from(d, lx.times_plus(e, g));
         let moved = Packed { P: [a, b, g, d, e, f], z: force };
         match link.first_turn::<T>() {
-            Some(first) => moved.turned(first),
-            None => moved,
+            Some(first) => (moved.turned(first), Coefficients::about_z(first).z_up(gain)),
+            None => (moved, gain),
         }
     }
     /// Turned about z, from both sides.

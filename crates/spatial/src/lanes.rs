@@ -294,11 +294,18 @@ impl WideKernel<Fused> for SinCosAll<'_> {
     #[inline(always)]
     fn run<W: Wide<Fused>>(self) {
         let SinCosAll { x, sin, cos } = self;
+        let count = x.len();
         let groups = x.chunks(W::COUNT).zip(sin.chunks_mut(W::COUNT)).zip(cos.chunks_mut(W::COUNT));
-        for ((x, sin), cos) in groups {
+        for (i, ((x, sin), cos)) in groups.enumerate() {
             let (s, c) = W::load_first(x).sin_cos();
-            s.store_first(sin);
-            c.store_first(cos);
+            if sin.len() == W::COUNT && cos.len() == W::COUNT {
+                s.store(sin);
+                c.store(cos);
+                continue;
+            }
+            let rest = W::COUNT.min(count - i * W::COUNT);
+            s.store_first(&mut sin[..rest]);
+            c.store_first(&mut cos[..rest]);
         }
     }
 }

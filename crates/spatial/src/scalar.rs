@@ -72,8 +72,9 @@ pub trait Scalar:
     fn sqrt(self) -> Self;
     /// Sine and cosine.
     fn sin_cos(self) -> (Self, Self);
-    /// Sine and cosine of many numbers: the same values, several at once where one number has no lanes of its own. The three
-    /// slices have one length.
+    /// Sine and cosine of many numbers: the same values, several at once where one number has no lanes of its own. The other slices are as
+    /// long or longer; with room for the next multiple of [`Scalar::COLUMNS`], which is written, what is read next need not wait for a
+    /// part of a register.
     #[inline(always)]
     fn sin_cos_all(x: &[Self], sin: &mut [Self], cos: &mut [Self]) {
         for ((x, s), c) in x.iter().zip(sin).zip(cos) {

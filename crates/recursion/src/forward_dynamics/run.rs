@@ -127,7 +127,7 @@ impl<T: Scalar> Kernel for SweepOver<'_, '_, T> {
         match which {
             Sweeps::Velocities => run.sweep_velocities::<false>(numbers),
             Sweeps::Filter => return run.filter::<false>(numbers),
-            Sweeps::Smoother => run.sweep_outboard::<false>(numbers),
+            Sweeps::Smoother => run.smoother::<false>(numbers),
         }
         Ok(())
     }

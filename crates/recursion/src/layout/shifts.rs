@@ -30,12 +30,13 @@ impl<T: Scalar> Shifts<T> {
         let general = layout.bodies.iter().filter(|b| b.is_general()).count();
         let together = sines_together::<T>();
         let (n, nq) = if together { (layout.len(), layout.nq()) } else { (0, 0) };
+        let room = nq.next_multiple_of(T::COLUMNS);
         Shifts {
             shift: layout.bodies.iter().map(|b| b.link.at_rest()).collect(),
             general: vec![Transform::identity(); general],
             q: vec![T::zero(); n],
-            sin: vec![T::zero(); nq],
-            cos: vec![T::one(); nq],
+            sin: vec![T::zero(); room],
+            cos: vec![T::one(); room],
         }
     }
     #[inline(always)]
@@ -101,7 +102,7 @@ impl<T: Scalar> ShiftRun<'_, T> {
         for (x, body) in self.q.iter_mut().zip(bodies) {
             *x = q[body.q];
         }
-        T::sin_cos_all(&self.q[..count], &mut self.sin[..count], &mut self.cos[..count]);
+        T::sin_cos_all(&self.q[..count], self.sin, self.cos);
     }
     /// Z(q + θ₁) of a hinge. Sines are those of `ALL` coordinates, or the `i`th of the bodies that [`ShiftRun::begin`] took.
     #[inline(always)]
