@@ -78,25 +78,26 @@ impl<T: Scalar> MassMatrix<T> {
         }
         check_length("workspace", self.shifts.all(), layout.len())?;
         let (q, out) = (T::arithmetic(q), T::arithmetic_mut(out));
-        T::Arithmetic::dispatch_wide(Sweep { work: self, layout, q, out });
+        T::Arithmetic::dispatch_beside_numbers(Gather { work: self, layout, q });
+        T::Arithmetic::dispatch_wide(Sweep { work: self, layout, out });
         Ok(())
     }
 }
 
-struct Sweep<'a, T: Scalar> {
+/// Composites of all bodies.
+struct Gather<'a, T: Scalar> {
     work: &'a mut MassMatrix<T>,
     layout: &'a Layout<T::Constant>,
     q: &'a [T::Arithmetic],
-    out: &'a mut [T::Arithmetic],
 }
 
-impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
+impl<T: Scalar> WideKernel<T::Arithmetic> for Gather<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run<W: Wide<T::Arithmetic>>(self) {
-        let Sweep { work, layout, q, out } = self;
-        let MassMatrix { shifts, places, bodies, own, ways, linear, upper, .. } = work;
-        let (view, nv) = (&mut bodies.view(), layout.nv());
+        let Gather { work, layout, q } = self;
+        let MassMatrix { shifts, places, bodies, own, .. } = work;
+        let view = &mut bodies.view();
         shifts.set_all(layout, q);
         turn_outboard::<_, ROWS>(layout, shifts, places, view);
         each_own_inertia!(T::Arithmetic, W, layout, places, own, view, |group, inertia| {
@@ -104,6 +105,23 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
         });
         gather_composites(layout, places, view);
         spread::<_, W, ROWS>(places, view, COMPOSITE..ROWS);
+    }
+}
+
+/// Columns on their way to the base.
+struct Sweep<'a, T: Scalar> {
+    work: &'a mut MassMatrix<T>,
+    layout: &'a Layout<T::Constant>,
+    out: &'a mut [T::Arithmetic],
+}
+
+impl<T: Scalar> WideKernel<T::Arithmetic> for Sweep<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run<W: Wide<T::Arithmetic>>(self) {
+        let Sweep { work, layout, out } = self;
+        let MassMatrix { places, bodies, ways, linear, upper, .. } = work;
+        let (view, nv) = (&mut bodies.view(), layout.nv());
         if places.clears(W::COUNT) {
             clear::<_, W>(out);
         }

@@ -247,7 +247,7 @@ impl Scalar for Fused {
     }
     #[inline(always)]
     fn sin_cos_all(x: &[Self], sin: &mut [Self], cos: &mut [Self]) {
-        Self::dispatch_wide(SinCosAll { x, sin, cos });
+        Self::dispatch_beside_numbers(SinCosAll { x, sin, cos });
     }
     #[inline(always)]
     fn is_positive(self) -> bool {
@@ -277,6 +277,14 @@ impl Scalar for Fused {
             Level::Avx512 => x86::F64x8::dispatch(With::<Self, x86::F64x8, K>::new(kernel)),
             #[cfg(target_arch = "x86_64")]
             Level::Avx2 => x86::F64x4::dispatch(With::<Self, x86::F64x4, K>::new(kernel)),
+            _ => Self::dispatch(With::<Self, Self, K>::new(kernel)),
+        }
+    }
+    #[inline(always)]
+    fn dispatch_beside_numbers<K: WideKernel<Self>>(kernel: K) -> K::Output {
+        match Level::best() {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 | Level::Avx2 => Self::dispatch(With::<Self, x86::F64x4, K>::new(kernel)),
             _ => Self::dispatch(With::<Self, Self, K>::new(kernel)),
         }
     }
