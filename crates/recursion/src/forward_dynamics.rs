@@ -10,24 +10,27 @@
 //! | b | (ω × J ω, ω × (ω × h)) − w, gyroscopic force less the external wrench | soa.md 3.0 |
 //! | α, α⁺ | acceleration of the body, and of its inboard side φ*α(p); α(ground) = (0, −g) | paper 1 (9.12)–(9.14) |
 
-use crate::articulated_sweep::{Pivot, eliminate, filter, smooth, smooth_revolute};
+use crate::articulated_sweep::{Pivot, smooth, smooth_revolute};
 use crate::branching::{Given, recur};
 use crate::error::{DynamicsError, check_length};
 use crate::flexible;
 use crate::hinge::Hinge;
-use crate::kernel::kernel;
 use crate::kinematics::{relative, relative_revolute};
 use crate::layout::{GROUND, Layout, Shifts, TOGETHER, each_kind};
 use crate::link::each_shape;
-use crate::packed::{Eliminated, Packed, pivot};
+use crate::packed::{Packed, Stored};
+use core::marker::PhantomData;
 use core::ops::Range;
 use num_traits::Zero;
-use phipsi_spatial::{ArticulatedInertia, Motion, Scalar, SixLanes, Vec3, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Kernel, Motion, Scalar, SixLanes, Vec3, Wrench};
 
+mod carrying;
 mod info;
 mod inward;
+mod packed;
 mod run;
 
+use carrying::{Carrying, Lanes, carried};
 pub use info::{ForwardInfo, WorstHinge, forward_info};
 use run::{Call, Filter, Run, Smoother};
 
@@ -42,9 +45,6 @@ struct Moving<T> {
 /// P and z of an eliminated body, moved to its parent.
 type Moved<T> = (ArticulatedInertia<T>, Wrench<T>);
 
-/// Packed six-vectors of what kernels on `T` compute with.
-type Six<T> = <<T as Scalar>::Arithmetic as Scalar>::Six;
-
 /// Workspace of forward dynamics.
 #[derive(Clone, Debug)]
 pub struct ForwardDynamics<T: Scalar> {
@@ -52,7 +52,7 @@ pub struct ForwardDynamics<T: Scalar> {
     moving: Vec<Moving<T::Arithmetic>>,
     pivots: Vec<Pivot<T::Arithmetic>>,
     given: Given<Moved<T::Arithmetic>>,
-    packed: Given<Packed<Six<T>>>,
+    packed: Given<Stored<T::Arithmetic>>,
     /// α of bodies with several children.
     alpha: Vec<Motion<T::Arithmetic>>,
     /// Minus the external wrenches, where there are any.
@@ -123,7 +123,17 @@ impl<T: Scalar> ForwardDynamics<T> {
         let (q, v, out) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic_mut(out));
         let loaded = wrenches.is_some();
         let Some(branch) = layout.branches::<T>() else {
-            return T::Arithmetic::dispatch(Whole { work: self, layout, q, v, loaded, out });
+            return carried!(Lanes::of::<T>(), |X| {
+                T::Arithmetic::dispatch(Whole::<T, X> {
+                    work: self,
+                    layout,
+                    q,
+                    v,
+                    loaded,
+                    out,
+                    by: PhantomData,
+                })
+            });
         };
         self.given.check(branch)?;
         self.given.clear();
@@ -143,14 +153,11 @@ impl<T: Scalar> ForwardDynamics<T> {
         out: &'a mut [T::Arithmetic],
     ) -> Run<'a, T> {
         let ground = Motion::new(Vec3::zero(), -Vec3::constant(layout.gravity));
-        // Lone states only: every state of a batch takes the steps that lanes take, for the same bits.
-        let lone = core::any::TypeId::of::<T>() != core::any::TypeId::of::<T::Arithmetic>();
         let loads = if loaded { Some(&self.loads[..]) } else { None };
-        let packed = lone && Six::<T>::is_fast();
         self.given.pending.clear();
         self.packed.pending.clear();
         Run {
-            call: Call { layout, q, v, loads, ground, packed },
+            call: Call { layout, q, v, loads, ground },
             first: 0,
             first_v: 0,
             outside: (Vec3::zero(), ground),
@@ -165,21 +172,28 @@ impl<T: Scalar> ForwardDynamics<T> {
     }
 }
 
-kernel! {
-    Whole<'a, T> {
-        work: &'a mut ForwardDynamics<T>,
-        layout: &'a Layout<T::Constant>,
-        q: &'a [T::Arithmetic],
-        v: &'a [T::Arithmetic],
-        loaded: bool,
-        out: &'a mut [T::Arithmetic],
-    } -> Result<(), DynamicsError> {
+/// All bodies at once. Each way of carrying has a kernel of its own: a register of 64 bytes that one moves would slow down the others.
+struct Whole<'a, T: Scalar, X> {
+    work: &'a mut ForwardDynamics<T>,
+    layout: &'a Layout<T::Constant>,
+    q: &'a [T::Arithmetic],
+    v: &'a [T::Arithmetic],
+    loaded: bool,
+    out: &'a mut [T::Arithmetic],
+    by: PhantomData<X>,
+}
+
+impl<T: Scalar, X: Carrying<T>> Kernel for Whole<'_, T, X> {
+    type Output = Result<(), DynamicsError>;
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Whole { work, layout, q, v, loaded, out, .. } = self;
         // A run that is made here stays in registers, where its firsts are zero.
         let mut run = work.all_bodies(layout, q, v, loaded, out);
         let numbers = 0..layout.bodies.len();
         run.sweep_velocities::<true>(numbers.clone());
-        run.filter::<true>(numbers.clone())?;
-        run.smoother::<true>(numbers);
+        X::inboard::<true>(&mut run, numbers.clone())?;
+        run.sweep_outboard::<true, X>(numbers);
         Ok(())
     }
 }
@@ -233,7 +247,8 @@ impl<T: Scalar> Run<'_, T> {
                         coriolis = Motion::zero();
                     } else {
                         let shift = body.link.hinged(turn);
-                        let (carried, centripetal) = each_shape!(body.link, |link| link.carried(&shift, omega));
+                        let (carried, centripetal) =
+                            each_shape!(body.link, |link| link.carried(&shift, omega));
                         (omega, coriolis) = relative_revolute(carried, centripetal, rate);
                     }
                 } else {
@@ -259,104 +274,10 @@ impl<T: Scalar> Run<'_, T> {
         previous
     }
 
+    /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after. Where six-vectors are in lanes, gains
+    /// of joints of one axis are seen from the parent, so that θ̈ and α are calculated side by side.
     #[inline(always)]
-    fn filter<const WHOLE: bool>(&mut self, numbers: Range<usize>) -> Result<(), DynamicsError> {
-        if self.call.packed {
-            self.sweep_inboard_packed::<WHOLE>(numbers)
-        } else {
-            self.sweep_inboard::<WHOLE>(numbers)
-        }
-    }
-
-    /// [`Self::sweep_inboard`] with the six-vectors of the state in lanes.
-    #[inline(always)]
-    fn sweep_inboard_packed<const WHOLE: bool>(
-        &mut self,
-        numbers: Range<usize>,
-    ) -> Result<(), DynamicsError> {
-        let Call { layout, loads, .. } = self.call;
-        let (first, first_v, end) = (self.first::<WHOLE>(), self.first_v::<WHOLE>(), numbers.end);
-        let (bodies, rigid) = (&layout.bodies[first..first + end], &layout.rigid[first..first + end]);
-        let moving = &self.moving[..end];
-        let (pivots, residuals) = (&mut *self.pivots, &mut *self.residuals);
-        let mut hand: Packed<Six<T>> = if WHOLE { Packed::zero::<T::Arithmetic>() } else { self.packed.hand };
-        for i in numbers.rev() {
-            let (k, body) = (first + i, &bodies[i]);
-            let v = body.v - first_v;
-            let Moving { omega, coriolis } = &moving[i];
-            if body.children > 1 {
-                self.packed.pending.gather(body, &mut hand, |sum, x| sum.add::<T::Arithmetic>(x));
-            }
-            hand.add_body(&rigid[i], *omega);
-            if let Hinge::Revolute = body.hinge {
-                if let Some(loads) = loads {
-                    hand.z = hand.z + Packed::lanes(&loads[k]);
-                }
-                if body.parent != GROUND {
-                    hand.add_coriolis(coriolis);
-                }
-                let Eliminated { gain, inverse, nu } =
-                    hand.eliminate_revolute(residuals[v]).map_err(|D| layout.singular(body.v, D))?;
-                let shift = body.link.hinged(self.shifts.turn(i));
-                let (moved, gain) = hand.moved::<_, true>(&body.link, &shift, gain);
-                (pivots[v], residuals[v]) = (pivot(gain, inverse), nu);
-                hand = Packed::zero::<T::Arithmetic>();
-                self.packed.pending.give(k, body, &mut hand, moved);
-                continue;
-            }
-            if let Hinge::Prismatic = body.hinge
-                && body.parent != GROUND
-            {
-                if let Some(loads) = loads {
-                    hand.z = hand.z + Packed::lanes(&loads[k]);
-                }
-                hand.add_acceleration(coriolis);
-                let Eliminated { gain, inverse, nu } =
-                    hand.eliminate_prismatic(residuals[v]).map_err(|D| layout.singular(body.v, D))?;
-                let (moved, gain) = hand.moved::<_, false>(&body.link, self.shifts.shift(i), gain);
-                (pivots[v], residuals[v]) = (pivot(gain, inverse), nu);
-                hand = Packed::zero::<T::Arithmetic>();
-                self.packed.pending.give(k, body, &mut hand, moved);
-                continue;
-            }
-            let (P, mut z) = hand.unpack();
-            if let Some(loads) = loads {
-                z += loads[k];
-            }
-            if body.parent != GROUND {
-                z += P.times(*coriolis);
-            }
-            let dofs = v..v + body.hinge.nv();
-            let pivots = &mut pivots[dofs.clone()];
-            let passage = self.shifts.at(i, body);
-            let moved = eliminate(body, passage, P, pivots)
-                .map_err(|(component, D)| layout.singular(body.v + component, D))?;
-            filter(&body.hinge, pivots, &mut z, &mut residuals[dofs]);
-            hand = Packed::zero::<T::Arithmetic>();
-            if body.parent != GROUND {
-                let moved = Packed::pack(&moved, &passage.wrench_to_parent(z));
-                self.packed.pending.give(k, body, &mut hand, moved);
-            }
-        }
-        if !WHOLE {
-            self.packed.hand = hand;
-        }
-        Ok(())
-    }
-
-    #[inline(always)]
-    fn smoother<const WHOLE: bool>(&mut self, numbers: Range<usize>) {
-        if self.call.packed {
-            self.sweep_outboard::<WHOLE, true>(numbers);
-        } else {
-            self.sweep_outboard::<WHOLE, false>(numbers);
-        }
-    }
-
-    /// Bryson–Frazier smoother: `residuals` holds ν before and θ̈ after. `PACKED`: gains of joints of one axis are seen from the parent, so
-    /// that θ̈ and α are calculated side by side.
-    #[inline(always)]
-    fn sweep_outboard<const WHOLE: bool, const PACKED: bool>(&mut self, numbers: Range<usize>) {
+    fn sweep_outboard<const WHOLE: bool, X: Carrying<T>>(&mut self, numbers: Range<usize>) {
         let Call { layout, v, .. } = self.call;
         let (first, first_v) = (self.first::<WHOLE>(), self.first_v::<WHOLE>());
         let (end, given) = (numbers.end, self.outside.1);
@@ -379,9 +300,8 @@ impl<T: Scalar> Run<'_, T> {
                 let a = &moving[i].coriolis;
                 if let Hinge::Revolute = body.hinge {
                     let shift = body.link.hinged(self.shifts.turn(i));
-                    if PACKED {
-                        alpha =
-                            each_shape!(body.link, |link| link.motion_to_child_plus(&shift, inboard, a));
+                    if X::PACKED {
+                        alpha = each_shape!(body.link, |link| link.motion_to_child_plus(&shift, inboard, a));
                         residuals[at] = residuals[at] - inboard.dot(pivots[at].gain);
                         alpha.angular.0[2] += residuals[at];
                     } else {
@@ -389,7 +309,7 @@ impl<T: Scalar> Run<'_, T> {
                         residuals[at] = smooth_revolute(&pivots[at], &mut alpha, residuals[at]);
                         alpha += *a;
                     }
-                } else if PACKED
+                } else if X::PACKED
                     && let Hinge::Prismatic = body.hinge
                     && body.parent != GROUND
                 {

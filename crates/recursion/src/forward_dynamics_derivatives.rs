@@ -15,13 +15,14 @@ use crate::hinge::Hinge;
 use crate::innovations::Innovations;
 use crate::inverse_dynamics_derivatives::{DerivativeSweeps, accelerate_outboard, check_arguments};
 use crate::layout::{Layout, Shifts};
+use crate::packed::is_lone;
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{Scalar, Vec3, Wrench};
 
 mod filter;
 
-use filter::{Filter, smooth};
 use filter::Sweep as FilterSweep;
+use filter::{Filter, smooth};
 
 /// Workspace of the derivatives of forward dynamics.
 #[derive(Clone, Debug)]
@@ -133,7 +134,7 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Accelerate<'_, T> {
         let (places, view, gains) = (&sweeps.places, sweeps.table.view(), innovations.gains());
         let residuals = T::arithmetic_mut(acceleration);
         let mut sweep = FilterSweep { layout, places, view, gains, residuals };
-        filter.inward::<W>(&mut sweep)?;
+        filter.inward::<W>(is_lone::<T>(), &mut sweep)?;
         let FilterSweep { mut view, mut gains, residuals, .. } = sweep;
         accelerate_outboard(layout, places, &mut view, |view, body, place, alpha| {
             smooth(body, place, view, &mut gains, residuals, alpha);

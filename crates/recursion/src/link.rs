@@ -378,8 +378,7 @@ impl<C: Real> Link<C> {
         let (omega, angular) = (self.first_down(omega), self.first_down(alpha.angular));
         let tangential = angular.cross_add(shift.offset, self.first_down(alpha.linear));
         let linear = omega.cross_add(omega.cross(shift.offset), tangential);
-        let alpha =
-            Motion::new(self.vector_down(shift.turn, angular), self.vector_down(shift.turn, linear));
+        let alpha = Motion::new(self.vector_down(shift.turn, angular), self.vector_down(shift.turn, linear));
         (self.vector_down(shift.turn, omega), alpha)
     }
     /// φ(p, k) M φ*(p, k) + `own`.

@@ -11,8 +11,14 @@
 
 use crate::articulated_sweep::Pivot;
 use crate::link::{Link, Shift};
-use phipsi_spatial::six_lanes::RigidEntries;
+use phipsi_spatial::six_lanes::{Eight, RigidEntries};
 use phipsi_spatial::{ArticulatedInertia, Mat3, Motion, Scalar, SixLanes, Sym3, Turn, Vec3, Wrench};
+
+/// True for numbers of a state by itself: every state of a batch takes the steps that lanes of states take, for the same bits.
+#[inline(always)]
+pub(crate) fn is_lone<T: Scalar>() -> bool {
+    core::any::TypeId::of::<T>() != core::any::TypeId::of::<T::Arithmetic>()
+}
 
 /// P and z of a body, or what its children gave.
 #[derive(Clone, Copy, Debug)]
@@ -85,7 +91,21 @@ pub(crate) struct Eliminated<T, S> {
     pub(crate) nu: T,
 }
 
+/// P and z in memory, for any kind of lanes.
+pub(crate) type Stored<T> = Packed<Eight<T>>;
+
 impl<S> Packed<S> {
+    /// From one kind of lanes to another.
+    #[inline(always)]
+    pub(crate) fn to<T: Scalar, R: SixLanes<T>>(self) -> Packed<R>
+    where
+        S: SixLanes<T>,
+    {
+        let ([a, b, c, d, e, f], z) = (self.P, R::of(self.z.to_array()));
+        let (a, b, c) = (R::of(a.to_array()), R::of(b.to_array()), R::of(c.to_array()));
+        let (d, e, f) = (R::of(d.to_array()), R::of(e.to_array()), R::of(f.to_array()));
+        Packed { P: [a, b, c, d, e, f], z }
+    }
     #[inline(always)]
     pub(crate) fn zero<T: Scalar>() -> Self
     where
@@ -331,6 +351,6 @@ impl<S> Lever<S> {
     where
         S: SixLanes<T>,
     {
-        self.back.subtract_from(v.second_yzx(), self.ahead.times_plus(v.second_zxy(), v))
+        v.levered(self.ahead, self.back)
     }
 }

@@ -218,7 +218,7 @@ impl Scalar for Fused {
     type Constant = f64;
     const LANES: usize = 1;
     #[cfg(target_arch = "x86_64")]
-    crate::arithmetic_is_self!(x86::F64x8);
+    crate::arithmetic_is_self!(x86::F64x8, x86::Halves);
     #[cfg(not(target_arch = "x86_64"))]
     crate::arithmetic_is_self!();
     #[inline(always)]

@@ -38,6 +38,8 @@ pub trait Scalar:
     type Arithmetic: Scalar<Constant = Self::Constant, Arithmetic = Self::Arithmetic>;
     /// Six-vectors of this scalar in lanes of their own.
     type Six: SixLanes<Self>;
+    /// The same, for processors where single numbers take longer beside the former.
+    type Halves: SixLanes<Self>;
     /// States carried at once: 1 for plain numbers.
     const LANES: usize;
     /// The number, to compute with.
@@ -107,11 +109,12 @@ pub trait Kernel {
 #[macro_export]
 macro_rules! arithmetic_is_self {
     () => {
-        $crate::arithmetic_is_self!($crate::six_lanes::Eight<Self>);
+        $crate::arithmetic_is_self!($crate::six_lanes::Eight<Self>, $crate::six_lanes::Eight<Self>);
     };
-    ($six:ty) => {
+    ($six:ty, $halves:ty) => {
         type Arithmetic = Self;
         type Six = $six;
+        type Halves = $halves;
         #[inline(always)]
         fn to_arithmetic(self) -> Self {
             self
@@ -208,6 +211,7 @@ float_scalar! {
     f64,
     type Arithmetic = Fused;
     type Six = crate::six_lanes::Eight<f64>;
+    type Halves = crate::six_lanes::Eight<f64>;
     #[inline(always)]
     fn to_arithmetic(self) -> Fused {
         Fused(self)

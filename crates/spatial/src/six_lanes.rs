@@ -39,6 +39,8 @@ pub trait SixLanes<T: Scalar>:
     + Mul<Output = Self>
     + Neg<Output = Self>
 {
+    /// True if lanes are those of a register.
+    const IN_REGISTERS: bool;
     /// True where the processor works on all lanes at once.
     fn is_fast() -> bool;
     /// Eight lanes.
@@ -84,6 +86,11 @@ pub trait SixLanes<T: Scalar>:
     fn second_zxy(self) -> Self;
     /// (y, z, x) of the second half, in the first; the second half is of no use.
     fn second_yzx(self) -> Self;
+    /// Moment + l × force, where `ahead` is (y, z, x) and `back` (z, x, y) of l in the first half, with zeros in the second.
+    #[inline(always)]
+    fn levered(self, ahead: Self, back: Self) -> Self {
+        back.subtract_from(self.second_yzx(), ahead.times_plus(self.second_zxy(), self))
+    }
     /// Lane I in all lanes.
     fn broadcast<const I: usize>(self) -> Self;
     /// Lane 0.
@@ -100,6 +107,7 @@ pub trait SixLanes<T: Scalar>:
 
 /// Eight numbers of any scalar, one after the other.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(align(64))]
 pub struct Eight<T>([T; 8]);
 
 macro_rules! each {
@@ -178,6 +186,8 @@ impl<T: Scalar> Eight<T> {
 }
 
 impl<T: Scalar> SixLanes<T> for Eight<T> {
+    const IN_REGISTERS: bool = false;
+    #[inline(always)]
     fn is_fast() -> bool {
         false
     }

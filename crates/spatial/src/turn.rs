@@ -103,11 +103,7 @@ impl<T: Scalar> Turn<T> {
     #[inline(always)]
     pub fn down_plus(self, v: Vec3<T>, plus: Vec3<T>) -> Vec3<T> {
         let ([x, y, z], [a, b, c]) = (v.0, plus.0);
-        Vec3([
-            self.cos.fma(x, self.sin.fma(y, a)),
-            self.cos.fma(y, (-self.sin).fma(x, b)),
-            z + c,
-        ])
+        Vec3([self.cos.fma(x, self.sin.fma(y, a)), self.cos.fma(y, (-self.sin).fma(x, b)), z + c])
     }
     /// Both parts of a wrench, in the parent's axes.
     #[inline(always)]

@@ -1,13 +1,15 @@
 //! A run of bodies in the sweeps of forward dynamics, and the sweeps over branches.
 
-use super::{Moved, Moving, Six};
+use super::carrying::{Carrying, Lanes, carried};
+use super::{Moved, Moving};
 use crate::articulated_sweep::Pivot;
 use crate::branching::{Given, Recursion};
 use crate::error::DynamicsError;
 use crate::layout::{Branch, GROUND, Layout, ShiftRun, carve};
-use crate::packed::Packed;
+use crate::packed::Stored;
+use core::marker::PhantomData;
 use core::ops::Range;
-use phipsi_spatial::{Kernel, Motion, Scalar, Vec3, Wrench};
+use phipsi_spatial::{Kernel, Motion, Scalar, SixLanes, Vec3, Wrench};
 
 /// What all runs of bodies share in a call.
 #[derive(Clone, Copy)]
@@ -17,8 +19,6 @@ pub(super) struct Call<'a, T: Scalar> {
     pub(super) v: &'a [T::Arithmetic],
     pub(super) loads: Option<&'a [Wrench<T::Arithmetic>]>,
     pub(super) ground: Motion<T::Arithmetic>,
-    /// Six-vectors in lanes.
-    pub(super) packed: bool,
 }
 
 /// A run of bodies. Slices begin at its first body and degree of freedom; those of the call at the layout's.
@@ -35,7 +35,7 @@ pub(super) struct Run<'a, T: Scalar> {
     pub(super) residuals: &'a mut [T::Arithmetic],
     pub(super) given: &'a mut Given<Moved<T::Arithmetic>>,
     /// The same where six-vectors are in lanes.
-    pub(super) packed: &'a mut Given<Packed<Six<T>>>,
+    pub(super) packed: &'a mut Given<Stored<T::Arithmetic>>,
 }
 
 /// Which sweeps.
@@ -49,7 +49,9 @@ enum Sweeps {
 impl<'a, T: Scalar> Run<'a, T> {
     /// Sweeps over some bodies of the run, by their numbers in it.
     fn sweep(&mut self, numbers: Range<usize>, which: Sweeps) -> Result<(), DynamicsError> {
-        T::Arithmetic::dispatch(SweepOver { run: self, numbers, which })
+        carried!(Lanes::of::<T>(), |X| {
+            T::Arithmetic::dispatch(SweepOver::<T, X> { run: self, numbers, which, by: PhantomData })
+        })
     }
     /// The same run, lent.
     pub(super) fn again(&mut self) -> Run<'_, T> {
@@ -113,21 +115,22 @@ impl<'a, T: Scalar> Run<'a, T> {
     }
 }
 
-struct SweepOver<'r, 'a, T: Scalar> {
+struct SweepOver<'r, 'a, T: Scalar, X> {
     run: &'r mut Run<'a, T>,
     numbers: Range<usize>,
     which: Sweeps,
+    by: PhantomData<X>,
 }
 
-impl<T: Scalar> Kernel for SweepOver<'_, '_, T> {
+impl<T: Scalar, X: Carrying<T>> Kernel for SweepOver<'_, '_, T, X> {
     type Output = Result<(), DynamicsError>;
     #[inline(always)]
     fn run(self) -> Self::Output {
-        let SweepOver { run, numbers, which } = self;
+        let SweepOver { run, numbers, which, .. } = self;
         match which {
             Sweeps::Velocities => run.sweep_velocities::<false>(numbers),
-            Sweeps::Filter => return run.filter::<false>(numbers),
-            Sweeps::Smoother => run.smoother::<false>(numbers),
+            Sweeps::Filter => return X::inboard::<false>(run, numbers),
+            Sweeps::Smoother => run.sweep_outboard::<false, X>(numbers),
         }
         Ok(())
     }

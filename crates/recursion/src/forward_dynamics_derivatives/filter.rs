@@ -69,10 +69,14 @@ impl<T: Scalar> Filter<T> {
             own: OwnNumbers::new(places),
         }
     }
-    /// Tip to base.
+    /// Tip to base; of a `lone` state in the lanes of the processor, if that is faster.
     #[inline(always)]
-    pub(super) fn inward<W: Wide<T>>(&mut self, sweep: &mut Sweep<'_, '_, T>) -> Result<(), DynamicsError> {
-        if !<T::Six as SixLanes<T>>::is_fast() {
+    pub(super) fn inward<W: Wide<T>>(
+        &mut self,
+        lone: bool,
+        sweep: &mut Sweep<'_, '_, T>,
+    ) -> Result<(), DynamicsError> {
+        if !lone || !<T::Six as SixLanes<T>>::is_fast() {
             return inward(&mut self.numbers, &(), sweep);
         }
         self.own.gather::<W>(sweep.places, &mut sweep.view);
@@ -338,8 +342,7 @@ mod tests {
                 sweeps.move_bodies::<false, f64>(&layout, &shifts, &case.v, &[]);
                 let (places, mut residuals) = (&sweeps.places, case.tau.clone());
                 let (view, gains) = (sweeps.table.view(), innovations.gains());
-                let mut sweep =
-                    Sweep { layout: &layout, places, view, gains, residuals: &mut residuals };
+                let mut sweep = Sweep { layout: &layout, places, view, gains, residuals: &mut residuals };
                 if packed == 1 {
                     filter.own = OwnNumbers::with_room(places);
                     filter.own.gather::<f64>(places, &mut sweep.view);
@@ -361,7 +364,10 @@ mod tests {
             let largest = numbers.iter().fold(0.0, |a: f64, x| a.max(x.abs()));
             let allowed = 8.0 * layout.len() as f64 * f64::EPSILON * growth * largest;
             for (i, (a, b)) in numbers.iter().zip(lanes).enumerate() {
-                assert!((a - b).abs() <= allowed, "seed {seed}, number {i}: {a} and {b}, allowed {allowed:e}");
+                assert!(
+                    (a - b).abs() <= allowed,
+                    "seed {seed}, number {i}: {a} and {b}, allowed {allowed:e}"
+                );
             }
             compared += 1;
         }

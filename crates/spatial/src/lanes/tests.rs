@@ -317,3 +317,81 @@ fn lanes_are_compared_and_chosen() {
         at_level(level, Choice);
     }
 }
+
+#[cfg(target_arch = "x86_64")]
+struct Packed<S>([f64; 16], core::marker::PhantomData<S>);
+#[cfg(target_arch = "x86_64")]
+impl<S: crate::SixLanes<Fused>> Kernel for Packed<S> {
+    /// Results, and how many of their lanes count.
+    type Output = Vec<([Fused; 8], usize)>;
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let m = self.0.map(Fused);
+        let [x, y, z] = [m[0], m[5], m[9]];
+        let a = S::of([m[0], m[1], m[2], Fused(0.0), m[3], m[4], m[5], Fused(0.0)]);
+        let b = S::of([m[6], m[7], m[8], Fused(0.0), m[9], m[10], m[11], Fused(0.0)]);
+        let (c, s) = S::about_z(x, y);
+        let (d, t) = S::about_x(z, x);
+        let whole = [
+            a + b,
+            a - b,
+            a * b,
+            -a,
+            a.times_plus(b, c),
+            a.subtract_from(b, s),
+            a.eliminate::<2>(b, d),
+            a.eliminate::<6>(b, t),
+            S::fill(x),
+            S::zeros(),
+            S::halves(x, y, z),
+            S::first_half(x, y, z),
+            S::first_three(&m[4..7]),
+            a.swap_xy(),
+            a.swap_yz(),
+            a.yzx(),
+            a.zxy(),
+            a.levered(S::first_half(y, z, x), S::first_half(z, x, y)),
+            a.broadcast::<0>(),
+            a.broadcast::<1>(),
+            a.broadcast::<2>(),
+            a.broadcast::<4>(),
+            a.broadcast::<5>(),
+            a.broadcast::<6>(),
+            S::fill(a.lane_0()),
+            a.with_lane_2(b),
+        ];
+        let columns = [S::rigid(&self.0), S::rigid_columns(&m)];
+        let halves = [a.second_zxy(), a.second_yzx()];
+        let whole = whole.into_iter().chain(columns.into_iter().flatten()).map(|x| (x.to_array(), 8));
+        whole.chain(halves.map(|x| (x.to_array(), 4))).collect()
+    }
+}
+
+/// Six-vectors in registers are eight numbers, to the last bit.
+#[cfg(target_arch = "x86_64")]
+#[test]
+fn packed_six_vectors_are_eight_numbers_to_the_last_bit() {
+    if Level::best() < Level::Avx512 {
+        println!("this processor has no {}", Level::Avx512.name());
+        return;
+    }
+    let m: [f64; 16] = core::array::from_fn(|i| match i {
+        13..16 => 0.0,
+        _ => (1.3 * i as f64 + 0.7).sin() + 0.2,
+    });
+    let by = core::marker::PhantomData;
+    let numbers = Fused::dispatch(Packed::<crate::six_lanes::Eight<Fused>>(m, by));
+    let registers = [
+        ("eight", Fused::dispatch(Packed::<x86::F64x8>(m, core::marker::PhantomData))),
+        ("halves", Fused::dispatch(Packed::<x86::Halves>(m, core::marker::PhantomData))),
+    ];
+    for (name, found) in registers {
+        assert_eq!(found.len(), numbers.len());
+        for (i, ((a, count), (b, _))) in numbers.iter().zip(&found).enumerate() {
+            for lane in 0..*count {
+                // −0 and 0 are the same number: products with zeros of a pattern may have either sign.
+                assert_eq!(a[lane].0, b[lane].0, "{name}, operation {i}, lane {lane}");
+            }
+        }
+    }
+}

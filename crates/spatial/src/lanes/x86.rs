@@ -4,10 +4,12 @@ use super::*;
 use crate::wide::WIDEST;
 use core::arch::x86_64::*;
 
+mod halves;
 mod ordered;
 mod rows;
 mod six;
 
+pub use halves::Halves;
 use rows::{pack4, pack8, unpack4, unpack8};
 
 /// Runs a kernel compiled for AVX2 and FMA.

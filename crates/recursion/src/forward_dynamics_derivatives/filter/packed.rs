@@ -37,7 +37,8 @@ impl<T: Scalar> OwnNumbers<T> {
         let zero = W::zero();
         for &at in places.with_bodies(W::COUNT) {
             let group = view.at(at);
-            let RigidInertia { mass, first_moment: Vec3([x, y, z]), inertia: J } = group.rigid::<W>(COMPOSITE);
+            let RigidInertia { mass, first_moment: Vec3([x, y, z]), inertia: J } =
+                group.rigid::<W>(COMPOSITE);
             let Wrench { moment: Vec3([a, b, c]), force: Vec3([d, e, f]) } = group.wrench::<W>(FORCE);
             let Vec3([u, v, w]) = group.vector::<W>(OFFSET);
             let rows = [
@@ -141,7 +142,8 @@ impl<T: Scalar> Carried<T> for Packed<T::Six> {
             return Ok(());
         }
         let lever = Lever::of_three::<T>(&own[LEVER..]);
-        let (dx, dy, dz) = (T::Six::fill(own[LEVER]), T::Six::fill(own[LEVER + 1]), T::Six::fill(own[LEVER + 2]));
+        let (dx, dy, dz) =
+            (T::Six::fill(own[LEVER]), T::Six::fill(own[LEVER + 1]), T::Six::fill(own[LEVER + 2]));
         let [a, b, c, d, e, f] = self.P;
         let (d, e, f) = (lever.up(d), lever.up(e), lever.up(f));
         let (a, b, c) = (lever.up(a), lever.up(b), lever.up(c));

@@ -7,6 +7,7 @@ use core::arch::x86_64::*;
 
 /// The lanes of one six-vector of plain numbers.
 impl SixLanes<Fused> for F64x8 {
+    const IN_REGISTERS: bool = true;
     #[inline(always)]
     fn is_fast() -> bool {
         Level::best() == Level::Avx512

@@ -1,0 +1,93 @@
+//! How the filter carries P and z inward: as numbers, or as six-vectors in lanes.
+
+use super::Run;
+use crate::error::DynamicsError;
+use crate::packed::is_lone;
+use core::ops::Range;
+use phipsi_spatial::{Scalar, SixLanes};
+
+/// Six-vectors of what kernels on `T` compute with, in the lanes of one register.
+type Six<T> = <<T as Scalar>::Arithmetic as Scalar>::Six;
+/// The same in two registers.
+type Halves<T> = <<T as Scalar>::Arithmetic as Scalar>::Halves;
+
+/// Where the six-vectors of one state lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Lanes {
+    Numbers,
+    Six,
+    Halves,
+}
+
+impl Lanes {
+    /// The fastest of this processor.
+    #[inline(always)]
+    pub(super) fn of<T: Scalar>() -> Self {
+        match is_lone::<T>() && Six::<T>::IN_REGISTERS {
+            true if Halves::<T>::is_fast() => Lanes::Halves,
+            true if Six::<T>::is_fast() => Lanes::Six,
+            _ => Lanes::Numbers,
+        }
+    }
+}
+
+/// The inward sweep of a way of carrying.
+pub(super) trait Carrying<T: Scalar> {
+    /// True if six-vectors are in lanes.
+    const PACKED: bool;
+    fn inboard<const WHOLE: bool>(run: &mut Run<'_, T>, numbers: Range<usize>) -> Result<(), DynamicsError>;
+}
+
+pub(super) struct InNumbers;
+pub(super) struct InSix;
+pub(super) struct InHalves;
+
+impl<T: Scalar> Carrying<T> for InNumbers {
+    const PACKED: bool = false;
+    #[inline(always)]
+    fn inboard<const WHOLE: bool>(run: &mut Run<'_, T>, numbers: Range<usize>) -> Result<(), DynamicsError> {
+        run.sweep_inboard::<WHOLE>(numbers)
+    }
+}
+
+impl<T: Scalar> Carrying<T> for InSix {
+    const PACKED: bool = true;
+    #[inline(always)]
+    fn inboard<const WHOLE: bool>(run: &mut Run<'_, T>, numbers: Range<usize>) -> Result<(), DynamicsError> {
+        run.sweep_inboard_packed::<WHOLE, Six<T>>(numbers)
+    }
+}
+
+impl<T: Scalar> Carrying<T> for InHalves {
+    const PACKED: bool = true;
+    #[inline(always)]
+    fn inboard<const WHOLE: bool>(run: &mut Run<'_, T>, numbers: Range<usize>) -> Result<(), DynamicsError> {
+        run.sweep_inboard_packed::<WHOLE, Halves<T>>(numbers)
+    }
+}
+
+/// A step with the type of a way of carrying; types without lanes have one.
+macro_rules! carried {
+    ($lanes:expr, |$X:ident| $step:expr) => {
+        if <<T::Arithmetic as Scalar>::Six as SixLanes<T::Arithmetic>>::IN_REGISTERS {
+            match $lanes {
+                $crate::forward_dynamics::carrying::Lanes::Numbers => {
+                    type $X = $crate::forward_dynamics::carrying::InNumbers;
+                    $step
+                }
+                $crate::forward_dynamics::carrying::Lanes::Six => {
+                    type $X = $crate::forward_dynamics::carrying::InSix;
+                    $step
+                }
+                $crate::forward_dynamics::carrying::Lanes::Halves => {
+                    type $X = $crate::forward_dynamics::carrying::InHalves;
+                    $step
+                }
+            }
+        } else {
+            type $X = $crate::forward_dynamics::carrying::InNumbers;
+            $step
+        }
+    };
+}
+pub(super) use carried;
