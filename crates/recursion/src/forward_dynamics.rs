@@ -302,7 +302,7 @@ impl<T: Scalar> Run<'_, T> {
                     let shift = body.link.hinged(self.shifts.turn(i));
                     if X::PACKED {
                         alpha = each_shape!(body.link, |link| link.motion_to_child_plus(&shift, inboard, a));
-                        residuals[at] = residuals[at] - inboard.dot(pivots[at].gain);
+                        residuals[at] -= inboard.dot(pivots[at].gain);
                         alpha.angular.0[2] += residuals[at];
                     } else {
                         alpha = each_shape!(body.link, |link| link.motion_to_child(&shift, inboard));
@@ -314,7 +314,7 @@ impl<T: Scalar> Run<'_, T> {
                     && body.parent != GROUND
                 {
                     alpha = self.shifts.at(i, body).motion_to_child(inboard);
-                    residuals[at] = residuals[at] - inboard.dot(pivots[at].gain);
+                    residuals[at] -= inboard.dot(pivots[at].gain);
                     alpha.linear.0[2] += residuals[at];
                     alpha += *a;
                 } else {
