@@ -91,3 +91,42 @@ macro_rules! carried {
     };
 }
 pub(super) use carried;
+
+#[cfg(test)]
+mod tests {
+    use super::super::{ForwardDynamics, Whole};
+    use super::*;
+    use crate::layout::Layout;
+    use core::marker::PhantomData;
+    use phipsi_reference::generate::{Case, case};
+    use phipsi_spatial::lanes::Level;
+
+    fn run<X: Carrying<f64>>(layout: &Layout, case: &Case) -> Option<Vec<f64>> {
+        let (mut work, mut out) = (ForwardDynamics::<f64>::new(layout), case.tau.clone());
+        let (q, v) = (f64::arithmetic(&case.q), f64::arithmetic(&case.v));
+        let (out_numbers, loaded, by) = (f64::arithmetic_mut(&mut out), false, PhantomData::<X>);
+        let whole = Whole { work: &mut work, layout, q, v, loaded, out: out_numbers, by };
+        <f64 as Scalar>::Arithmetic::dispatch(whole).ok().map(|()| out)
+    }
+
+    /// A processor takes one of them: on those that could take both, results have the same bits.
+    #[test]
+    fn one_register_and_two_give_the_same_bits() {
+        if Level::best() < Level::Avx512 {
+            println!("this processor has no {}", Level::Avx512.name());
+            return;
+        }
+        let mut compared = 0;
+        for seed in 0..300 {
+            let case = case(seed);
+            let layout = Layout::new(&case.model);
+            if layout.is_flexible() {
+                continue;
+            }
+            let [six, halves] = [run::<InSix>(&layout, &case), run::<InHalves>(&layout, &case)];
+            assert_eq!(six, halves, "seed {seed}");
+            compared += 1;
+        }
+        assert!(compared > 200, "{compared}");
+    }
+}

@@ -29,10 +29,8 @@ impl<T: Scalar> Run<'_, T> {
             let (k, body) = (first + i, &bodies[i]);
             let v = body.v - first_v;
             let Moving { omega, coriolis } = &moving[i];
-            if body.children > 1 {
-                for _ in 1..body.children {
-                    hand.add(&self.packed.pending.take().to());
-                }
+            for _ in 1..body.children {
+                hand.add(&self.packed.pending.take().to());
             }
             hand.add_body(&rigid[i], *omega);
             if let Hinge::Revolute = body.hinge {
