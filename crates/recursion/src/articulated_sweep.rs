@@ -136,17 +136,25 @@ pub(crate) fn filter<T: Scalar>(
     match hinge {
         Hinge::Revolute => residuals[0] = filter_revolute(&pivots[0], z, residuals[0]),
         Hinge::Free => {
-            // H = I and G = I: z⁺ = T exactly, whatever the size of z.
-            let through = Wrench::from_array([
-                residuals[0],
-                residuals[1],
-                residuals[2],
-                residuals[3],
-                residuals[4],
-                residuals[5],
-            ]);
-            filter_components(hinge, pivots, z, residuals);
-            *z = through;
+            // H = I and G = I: z⁺ = T exactly, whatever the size of z; and gains of an axis on those before it are zero.
+            let (pivots, residuals) = (&pivots[..6], &mut residuals[..6]);
+            let (mut through, mut rest) = ([T::zero(); 6], z.to_array());
+            each_component!(
+                hinge,
+                |I, C| {
+                    let gain = pivots[I].gain.to_array();
+                    let epsilon = residuals[I] - rest[C];
+                    for j in 0..6 {
+                        if j > I {
+                            rest[j] = gain[j].fma(epsilon, rest[j]);
+                        }
+                    }
+                    through[C] = residuals[I];
+                    residuals[I] = epsilon * pivots[I].inverse;
+                },
+                {}
+            );
+            *z = Wrench::from_array(through);
         }
         _ => filter_components(hinge, pivots, z, residuals),
     }
@@ -208,6 +216,27 @@ pub(crate) fn smooth<T: Scalar>(
         return;
     }
     let (pivots, residuals) = (&pivots[..hinge.nv()], &mut residuals[..hinge.nv()]);
+    if let Hinge::Free = hinge {
+        // H = I, and gains of an axis on those before it are zero: back substitution.
+        let mut x = [T::zero(); 6];
+        each_component!(
+            reversed hinge,
+            |I, C| {
+                let gain = pivots[I].gain.to_array();
+                let mut sum = residuals[I];
+                for j in 0..6 {
+                    if j > I {
+                        sum = (-gain[j]).fma(x[j], sum);
+                    }
+                }
+                x[I] = sum;
+                residuals[I] = sum - alpha.get(C);
+            },
+            {}
+        );
+        *alpha = Motion::new(Vec3([x[0], x[1], x[2]]), Vec3([x[3], x[4], x[5]]));
+        return;
+    }
     each_component!(
         reversed hinge,
         |I, C| {
