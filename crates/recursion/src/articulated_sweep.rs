@@ -136,7 +136,7 @@ pub(crate) fn filter<T: Scalar>(
     match hinge {
         Hinge::Revolute => residuals[0] = filter_revolute(&pivots[0], z, residuals[0]),
         Hinge::Free => {
-            // H = I and G = I: z⁺ = T exactly, whatever the size of z; and gains of an axis on those before it are zero.
+            // H = I and G = I: z⁺ = T exactly, whatever the size of z; what gains have for axes before their own is rounding.
             let (pivots, residuals) = (&pivots[..6], &mut residuals[..6]);
             let (mut through, mut rest) = ([T::zero(); 6], z.to_array());
             each_component!(
@@ -217,7 +217,7 @@ pub(crate) fn smooth<T: Scalar>(
     }
     let (pivots, residuals) = (&pivots[..hinge.nv()], &mut residuals[..hinge.nv()]);
     if let Hinge::Free = hinge {
-        // H = I, and gains of an axis on those before it are zero: back substitution.
+        // H = I, and what gains have for axes before their own is rounding: back substitution.
         let mut x = [T::zero(); 6];
         each_component!(
             reversed hinge,
