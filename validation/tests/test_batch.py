@@ -159,6 +159,23 @@ def test_the_width_of_the_lanes_does_not_matter(robot, level, threads):
     assert dict(line.split() for line in done.stdout.splitlines()) == wanted
 
 
+def test_memory_of_large_arguments_is_used_again():
+    """The memory keeps nothing of an earlier batch, and from the second call on only a result takes new pages."""
+    m, n = arm(), 50_000
+    q, v, tau = (np.tile(x, (n // 100, 1)) for x in states(m, 100))
+    expected = m.forward_dynamics(q, v, tau)
+    m.forward_dynamics(-2 * q, 3 * v, -tau)
+    for count in [n, n // 3, n // 2, n]:
+        assert np.array_equal(m.forward_dynamics(q[:count], v[:count], tau[:count]), expected[:count])
+    m.forward_dynamics(q[:, ::-1], v.astype(np.float32), np.asfortranarray(tau))
+    assert np.array_equal(m.forward_dynamics(q, v, tau), expected)
+    resource = pytest.importorskip("resource", reason="page faults are counted on Unix only")
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    m.forward_dynamics(q, v, tau)
+    taken = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+    assert taken < 2 * expected.nbytes // resource.getpagesize(), taken
+
+
 def test_the_first_of_several_failures_is_reported():
     m = phipsi.Model.from_urdf(robots.model_path("solo12"))
     q, v, tau = states(m, 60)

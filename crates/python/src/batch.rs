@@ -5,6 +5,7 @@
 //! [`phipsi::recursion::batch`], also one state by itself; what branches on values is computed state by state. Of several
 //! failures the first one is reported.
 
+use crate::buffer::Buffer;
 use crate::errors::{Failure, Field, argument_error, exception};
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use phipsi::recursion::batch::{Input, StateKernel, run_batch};
@@ -25,7 +26,7 @@ const SMALL: usize = 512;
 pub struct Argument {
     /// The argument's name.
     pub name: Cow<'static, str>,
-    data: Vec<f64>,
+    data: Buffer,
     batch: Vec<usize>,
     size: usize,
     /// Which of its states belongs to each state of the batch; `None`: the same one, or its only one.
@@ -242,10 +243,10 @@ pub fn array<'py>(
 }
 
 /// A copy, and true if all numbers are finite: each piece is looked at while it is in the cache.
-fn copied(x: &[f64]) -> (Vec<f64>, bool) {
-    let (mut copy, mut finite) = (Vec::with_capacity(x.len()), true);
+fn copied(x: &[f64]) -> (Buffer, bool) {
+    let (mut copy, mut finite) = (Buffer::of(x.len()), true);
     for piece in x.chunks(1024) {
-        copy.extend_from_slice(piece);
+        copy.extend(piece);
         finite &= all_finite(piece);
     }
     (copy, finite)
@@ -264,7 +265,7 @@ fn all_finite(x: &[f64]) -> bool {
 }
 
 /// A copy of the numbers of an array-like, whether all are finite, and its shape.
-fn numbers(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Vec<f64>, bool, Vec<usize>)> {
+fn numbers(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Buffer, bool, Vec<usize>)> {
     let py = object.py();
     // A slice alone also takes Fortran order, in memory order.
     if let Ok(array) = object.cast::<PyArrayDyn<f64>>()
@@ -303,8 +304,7 @@ fn numbers(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Vec<f64>, bool, V
     keywords.set_item("order", "C")?;
     let converted = numpy.call_method("asarray", (any,), Some(&keywords))?;
     let converted = converted.cast::<PyArrayDyn<f64>>()?;
-    let data = converted.to_vec()?;
-    let finite = all_finite(&data);
+    let (data, finite) = copied(converted.try_readonly()?.as_slice()?);
     Ok((data, finite, converted.shape().to_vec()))
 }
 

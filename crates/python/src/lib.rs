@@ -2,7 +2,7 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | `batch` | array-likes as states, broadcasting, the loop over states |
+//! | `batch`, `buffer` | array-likes as states, broadcasting, the loop over states; memory for their copies |
 //! | `model`, `dynamics`, `derivatives`, `hybrid`, `freeflight`, `kinematics`, `jacobians`, `velocities` | methods of the class `Model` |
 //! | `operators`, `estimation` | `phipsi.operators`: the classes `Operators` and `Operator` |
 //! | `flexible` | the class `FlexibleBody`, and methods of the class `Model` about modes |
@@ -14,6 +14,7 @@
 //! | `errors`, `report`, `pickle` | exceptions with fields, reports of readers, results in other processes |
 
 mod batch;
+mod buffer;
 mod closure;
 mod closure_motion;
 mod closure_projection;
