@@ -15,7 +15,7 @@ use crate::inverse_dynamics_derivatives::{
     DIAGONAL, DRIFT, FORCE, POSITION_RATE, PSI, ROWS, VELOCITY_RATE, begin_columns, own_blocks,
     own_position_block, weigh_position, weigh_velocity,
 };
-use crate::layout::{GROUND, Layout};
+use crate::layout::Layout;
 use crate::places::{Aligned, Pair, Places, Table, View, each_place, inside, vector};
 use core::marker::PhantomData;
 use core::ops::Range;
@@ -90,7 +90,7 @@ impl<T: Scalar, W: Wide<T>, const TURNING: bool> Kernel for Meet<'_, T, W, TURNI
                 begin_columns::<T, W, TURNING, false>(&mut group)
             };
             meetings.weigh::<W, TURNING>(places, &view, at, column.inertia, column.gyroscopic);
-            meetings.add_up(places, &mut view, at, column.position, column.velocity);
+            meetings.add_up(&mut view, at, column.position, column.velocity);
             at += W::COUNT;
         }
         meetings.turn_back::<W>(places);
@@ -125,21 +125,16 @@ impl<T: Scalar> Meetings<T> {
         let (d_da, mut rates, s): (&mut [T], _, usize) = (d_da, rates.view(), places.stride);
         let panel: &mut [T] = if W::COUNT > 1 { &mut turned[panel(places, at, T::COLUMNS)] } else { &mut [] };
         let lane = at & (T::COLUMNS - W::COUNT.min(T::COLUMNS));
-        for joint in passages.inward(places, at, W::COUNT) {
-            if joint.base {
-                continue;
-            }
+        for (place, joint) in passages.inward(at, W::COUNT) {
             each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
-                for place in joint.first..joint.inner.min(at + W::COUNT) {
-                    let here = view.lane(Table::<T, ROWS>::start(place));
-                    if TURNING {
-                        let x = along(&here.motion(AXIS), joint.linear, &inertia);
-                        columns.outboard::<ALL, _, _>(x).store(&mut d_da[place * s + at..]);
-                    }
-                    if !ALL && columns.own == columns.to {
-                        // All columns are the joint's own.
-                        continue;
-                    }
+                let here = view.lane(Table::<T, ROWS>::start(place));
+                let seen = ALL || place < at + W::COUNT;
+                if TURNING && seen {
+                    let x = along(&here.motion(AXIS), joint.linear, &inertia);
+                    columns.outboard::<ALL, _, _>(x).store(&mut d_da[place * s + at..]);
+                }
+                // Not where all columns are the joint's own.
+                if ALL || seen && columns.own != columns.to {
                     let (change, rate) = (here.motion(POSITION_RATE), here.motion(VELOCITY_RATE));
                     // Ψ* R S + ψ* g.
                     let moment = dot_add(here.vector(PSI), gyroscopic, dot(change.angular, inertia.moment));
@@ -157,8 +152,7 @@ impl<T: Scalar> Meetings<T> {
                         columns.outboard::<ALL, _, _>(velocity).store(&mut row[T::COLUMNS + lane..]);
                     }
                 }
-                if joint.parent != GROUND {
-                    let here = view.lane(Table::<T, ROWS>::start(joint.first));
+                if joint.shifts {
                     let d = columns.moving::<ALL, _, _>(here.vector(OFFSET));
                     let drift = columns.moving::<ALL, _, _>(here.vector(DRIFT));
                     inertia.moment = d.cross_add(inertia.force, inertia.moment);
@@ -197,7 +191,6 @@ impl<T: Scalar> Meetings<T> {
     #[inline(always)]
     fn add_up<W: Wide<T>>(
         &mut self,
-        places: &Places,
         view: &mut View<'_, T, ROWS>,
         at: usize,
         mut position: Wrench<W>,
@@ -205,34 +198,28 @@ impl<T: Scalar> Meetings<T> {
     ) {
         let Meetings { rates, passages, .. } = self;
         let mut rates = rates.view();
-        for joint in passages.inward(places, at, W::COUNT) {
-            if joint.base {
-                continue;
-            }
+        for (place, joint) in passages.inward(at, W::COUNT) {
             each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
+                let here = view.lane(Table::<T, ROWS>::start(place));
+                let axis = here.motion(AXIS);
                 let mut seen = position;
                 if !ALL && joint.inner > joint.first + 1 && columns.own > columns.from {
                     // Axes of the same joint do not turn each other's force.
-                    let here = view.lane(Table::<T, ROWS>::start(joint.first));
                     let f = Wrench::new(vector(here.vector(FORCE)), vector(here.vector(FORCE + 3)));
                     let turned = view.at(at).motion::<W>(AXIS).cross_wrench(f);
                     seen.moment -= inside(turned.moment, columns.from, columns.own);
                     seen.force -= inside(turned.force, columns.from, columns.own);
                 }
-                for place in joint.first..joint.inner {
-                    let here = view.lane(Table::<T, ROWS>::start(place));
-                    let axis = here.motion(AXIS);
-                    let mut x: W = along(&axis, joint.linear, &seen);
-                    let y = along(&axis, joint.linear, &velocity);
-                    if !ALL && (at..at + W::COUNT).contains(&place) {
-                        // The axis does not turn its own force: exactly so, where the columns have the difference of what rounds.
-                        x = x.with(place - at, here.get(DIAGONAL));
-                    }
-                    let both = [columns.outboard::<ALL, _, _>(x), columns.outboard::<ALL, _, _>(y)];
-                    rates.put(place, at, both);
+                let here = view.lane(Table::<T, ROWS>::start(place));
+                let mut x: W = along(&axis, joint.linear, &seen);
+                let y = along(&axis, joint.linear, &velocity);
+                if !ALL && (at..at + W::COUNT).contains(&place) {
+                    // The axis does not turn its own force: exactly so, where the columns have the difference of what rounds.
+                    x = x.with(place - at, here.get(DIAGONAL));
                 }
-                if joint.parent != GROUND {
-                    let here = view.lane(Table::<T, ROWS>::start(joint.first));
+                let both = [columns.outboard::<ALL, _, _>(x), columns.outboard::<ALL, _, _>(y)];
+                rates.put(place, at, both);
+                if joint.shifts {
                     let d = columns.moving::<ALL, _, _>(here.vector(OFFSET));
                     position.moment = d.cross_add(position.force, position.moment);
                     velocity.moment = d.cross_add(velocity.force, velocity.moment);

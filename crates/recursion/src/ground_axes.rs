@@ -3,7 +3,7 @@
 //! | rows | meaning |
 //! |---|---|
 //! | `AXES` | x, y, z of the body |
-//! | `OFFSET` | d: the body's origin from its parent's |
+//! | `OFFSET` | d: the body's origin from its parent's; at every axis of its joint |
 //! | `AXIS` | S of the degree of freedom, a column of H* |
 //! | `COMPOSITE` | R: mass, first moment and inertia, about the body's origin |
 //!
@@ -88,6 +88,7 @@ pub(crate) fn set_body<T: Scalar, const N: usize>(
     let axes = here.axes();
     for i in 0..body.hinge.nv() {
         view.at(at + i).set_motion(AXIS, axis(&body.hinge, &axes, i));
+        view.at(at + i).set_vector(OFFSET, offset);
     }
 }
 
@@ -244,27 +245,34 @@ pub(crate) fn ways<T: Scalar, const N: usize>(layout: &Layout<T::Constant>, plac
     ways
 }
 
-/// A joint on the way from those outboard of it to the base.
+/// An axis of a joint on the way from those outboard of it to the base; of a floating base its first one alone is passed, in the end.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Passage {
-    /// Its first place, one past its last, and one past the last place outboard.
+    /// The joint's first place, one past its last, and one past the last place outboard.
     pub(crate) first: usize,
     pub(crate) inner: usize,
     pub(crate) end: usize,
-    /// The joint inboard, or [`GROUND`].
-    pub(crate) parent: usize,
-    /// True if an axis may have a linear part.
+    /// The place passed next, inboard: of the joint's next axis, or the first one of the joint inboard; [`GROUND`] in the end.
+    inboard: usize,
+    /// The first place of the joint before it in the order of bodies, and one past its last; of a joint's last axis only.
+    before: usize,
+    before_end: usize,
+    /// True if columns go on from here to the origin of the body inboard.
+    pub(crate) shifts: bool,
+    /// True if the axis may have a linear part.
     pub(crate) linear: bool,
-    /// True if it holds nothing, inside a tree.
+    /// True if its joint holds nothing, inside a tree.
     pub(crate) free: bool,
-    /// True if it is that of a floating base.
-    pub(crate) base: bool,
 }
 
 impl Passage {
     /// The columns of a register from place `at` on, seen from here.
     #[inline(always)]
     pub(crate) fn columns(&self, at: usize, count: usize) -> Columns {
+        if count == 1 {
+            let own = self.inner > at;
+            return Columns { from: 0, own: usize::from(own), to: 1, all: !own };
+        }
         Columns {
             from: self.first.saturating_sub(at),
             own: self.inner.saturating_sub(at).min(count),
@@ -291,13 +299,13 @@ impl Columns {
     /// Zero beyond the columns that are outboard; `ALL` are.
     #[inline(always)]
     pub(crate) fn outboard<const ALL: bool, T: Scalar, W: Wide<T>>(&self, x: W) -> W {
-        if ALL { x } else { x.between(0, self.to) }
+        if ALL || W::COUNT == 1 { x } else { x.between(0, self.to) }
     }
     /// What a joint moves columns by, and zero in those that do not move; `ALL` do.
     #[inline(always)]
     pub(crate) fn moving<const ALL: bool, T: Scalar, W: Wide<T>>(&self, d: Vec3<T>) -> Vec3<W> {
         let d = vector::<T, W>(d);
-        if ALL { d } else { inside(d, self.from, self.to) }
+        if ALL || W::COUNT == 1 { d } else { inside(d, self.from, self.to) }
     }
 }
 
@@ -319,12 +327,11 @@ pub(crate) use each_way;
 /// The joints of a tree, as columns pass them.
 #[derive(Clone, Debug)]
 pub(crate) struct Passages {
-    joints: Vec<Passage>,
+    /// By places.
+    axes: Vec<Passage>,
     /// Those of floating bases.
     bases: Vec<Passage>,
-    /// The joint of every place; of the empty ones the first.
-    of: Vec<usize>,
-    /// The first place of that joint.
+    /// The first place of the joint of every place.
     first: Vec<usize>,
     /// Places before every place, and before the end, whose axes may have linear parts.
     linear_before: Vec<usize>,
@@ -333,29 +340,58 @@ pub(crate) struct Passages {
 impl Passages {
     pub(crate) fn new<T: Scalar>(layout: &Layout<T::Constant>, places: &Places) -> Self {
         let linear = linear_axes::<T>(layout, places);
-        let (mut joints, mut of) = (Vec::new(), vec![0; places.margin]);
+        let nothing = Passage {
+            first: GROUND,
+            inner: 0,
+            end: 0,
+            inboard: GROUND,
+            before: GROUND,
+            before_end: 0,
+            shifts: false,
+            linear: false,
+            free: false,
+        };
+        let (mut axes, mut bases, mut first) =
+            (vec![nothing; places.margin], Vec::new(), vec![0; places.margin]);
+        // Floating bases are passed by themselves.
+        let (mut before, mut before_end) = (GROUND, 0);
         // Of flexible trees there are no places.
         for (k, body) in layout.bodies().iter().enumerate().take_while(|_| places.count > 0) {
             let own = places.own(k);
-            of.extend(own.clone().map(|_| k));
-            joints.push(Passage {
-                first: own.start,
-                inner: own.end,
-                end: places.end[k],
-                parent: body.parent,
-                linear: linear.get(own.start).is_some_and(|linear| *linear),
-                free: matches!(body.hinge, Hinge::Free) && !body.floats(),
-                base: body.floats(),
-            });
+            first.extend(own.clone().map(|_| own.start));
+            let mut passage = Passage { first: own.start, inner: own.end, end: places.end[k], ..nothing };
+            if body.floats() {
+                bases.push(passage);
+                // Columns that end on a base begin with what is before it.
+                let skipped = Passage { first: GROUND, before, before_end, ..nothing };
+                axes.extend(own.map(|_| skipped));
+                continue;
+            }
+            let carrier = layout.bodies().get(body.parent).filter(|parent| !parent.floats());
+            passage.free = matches!(body.hinge, Hinge::Free);
+            for place in own.clone() {
+                let last = place + 1 == own.end;
+                axes.push(Passage {
+                    inboard: if last {
+                        carrier.map_or(GROUND, |_| places.first[body.parent])
+                    } else {
+                        place + 1
+                    },
+                    before: if last { before } else { GROUND },
+                    before_end: if last { before_end } else { 0 },
+                    shifts: last && body.parent != GROUND,
+                    linear: linear[place],
+                    ..passage
+                });
+            }
+            (before, before_end) = (own.start, own.end);
         }
-        let first = of.iter().map(|&k| joints.get(k).map_or(0, |joint| joint.first)).collect();
-        let before = linear.iter().scan(0, |sum, &linear| {
+        let counted = linear.iter().scan(0, |sum, &linear| {
             *sum += usize::from(linear);
             Some(*sum)
         });
-        let linear_before = core::iter::once(0).chain(before).collect();
-        let bases = joints.iter().filter(|joint| joint.base).copied().collect();
-        Passages { joints, bases, of, first, linear_before }
+        let linear_before = core::iter::once(0).chain(counted).collect();
+        Passages { axes, bases, first, linear_before }
     }
     /// The first places of the joints of some places.
     #[inline(always)]
@@ -378,28 +414,33 @@ impl Passages {
     pub(crate) fn bases(&self, at: usize, count: usize) -> impl Iterator<Item = &Passage> {
         self.bases.iter().filter(move |base| base.first < at + count && base.end > at)
     }
-    /// The joints of `count` places from `at` on, the last one first, then those inboard of the first place, which are all that are
-    /// inboard of any.
+    /// The axes of the joints of `count` places from `at` on, the last joint first, then those inboard of the first place, which are all
+    /// that are inboard of any; axes of one joint in their order.
     #[inline(always)]
-    pub(crate) fn inward(&self, places: &Places, at: usize, count: usize) -> Inward<'_> {
-        Inward { joints: &self.joints, next: self.of[at + count - 1], lowest: at.max(places.margin) }
+    pub(crate) fn inward(&self, at: usize, count: usize) -> Inward<'_> {
+        let own = &self.axes[at + count - 1];
+        // One column has nothing before it but what is inboard.
+        let lowest = if count == 1 { usize::MAX } else { at };
+        let next = if own.first == GROUND && own.before_end > lowest { own.before } else { own.first };
+        Inward { axes: &self.axes, next, lowest }
     }
 }
 
 /// See [`Passages::inward`].
 pub(crate) struct Inward<'a> {
-    joints: &'a [Passage],
+    axes: &'a [Passage],
     next: usize,
     lowest: usize,
 }
 
 impl<'a> Iterator for Inward<'a> {
-    type Item = &'a Passage;
+    type Item = (usize, &'a Passage);
     #[inline(always)]
-    fn next(&mut self) -> Option<&'a Passage> {
-        let joint = self.joints.get(self.next)?;
-        self.next = if joint.first > self.lowest { self.next - 1 } else { joint.parent };
-        Some(joint)
+    fn next(&mut self) -> Option<(usize, &'a Passage)> {
+        let place = self.next;
+        let axis = self.axes.get(place)?;
+        self.next = if axis.before_end > self.lowest { axis.before } else { axis.inboard };
+        Some((place, axis))
     }
 }
 

@@ -15,7 +15,7 @@ use crate::error::DynamicsError;
 use crate::floating_base::{self, along_axes, each_axis};
 use crate::ground_axes::{self, AXES, AXIS, Columns, OFFSET, Passages, along, each_way};
 use crate::hinge::combine;
-use crate::layout::{GROUND, Layout, Shifts};
+use crate::layout::{Layout, Shifts};
 use crate::places::{Aligned, Places, Table, View, inside, vector};
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{Scalar, Vec3, Wrench};
@@ -96,41 +96,35 @@ impl<T: Scalar> Innovations<T> {
                 continue;
             }
             let mut z: Wrench<W> = gains.at(at).wrench(GAIN);
-            for joint in passages.inward(places, at, W::COUNT) {
-                if joint.base {
-                    continue;
-                }
+            for (place, joint) in passages.inward(at, W::COUNT) {
                 each_way!(joint.columns(at, W::COUNT), |columns, ALL| {
-                    let several = joint.inner > joint.first + 1;
-                    for place in joint.first..joint.inner {
-                        let axis = bodies.lane(Table::<T, N>::start(place)).motion(AXIS);
-                        let gain = gains.lane(Table::<T, GAINS>::start(place)).motion(GAIN);
-                        let mut innovation = -along::<T, W>(&axis, joint.linear, &z);
-                        if !ALL && several {
-                            innovation = innovation.between(columns.from, columns.to);
-                            // Axes of the joint that come after this one have no innovation here.
-                            let later = place.saturating_sub(at).min(W::COUNT);
-                            innovation -= innovation.between(later, columns.own.max(later));
-                        } else if !ALL {
-                            innovation = innovation.between(columns.own, columns.to);
-                        }
-                        z.moment = vector::<T, W>(gain.angular).scale_add(innovation, z.moment);
-                        z.force = vector::<T, W>(gain.linear).scale_add(innovation, z.force);
-                        innovation.store(&mut operator[place * s + at..]);
+                    let here = bodies.lane(Table::<T, N>::start(place));
+                    let gain = gains.lane(Table::<T, GAINS>::start(place)).motion(GAIN);
+                    let mut innovation = -along::<T, W>(&here.motion(AXIS), joint.linear, &z);
+                    if !ALL && joint.inner > joint.first + 1 {
+                        innovation = innovation.between(columns.from, columns.to);
+                        // Axes of the joint that come after this one have no innovation here.
+                        let later = place.saturating_sub(at).min(W::COUNT);
+                        innovation -= innovation.between(later, columns.own.max(later));
+                    } else if !ALL {
+                        innovation = innovation.between(columns.own, columns.to);
                     }
-                    if joint.parent == GROUND {
-                        continue;
-                    }
-                    let d = bodies.lane(Table::<T, N>::start(joint.first)).vector(OFFSET);
-                    if joint.free {
+                    z.moment = vector::<T, W>(gain.angular).scale_add(innovation, z.moment);
+                    z.force = vector::<T, W>(gain.linear).scale_add(innovation, z.force);
+                    innovation.store(&mut operator[place * s + at..]);
+                    if !joint.shifts {
+                        // Another axis of the joint, or the ground.
+                    } else if joint.free {
                         // G = I: the joint passes its own force and nothing of what comes from outboard.
                         let Columns { from, own, to, .. } = columns;
-                        let (d, axes) = (vector::<T, W>(d), bodies.at(at).motion::<W>(AXIS));
+                        let d = vector::<T, W>(here.vector(OFFSET));
+                        let axes = bodies.at(at).motion::<W>(AXIS);
                         let passed = Wrench::new(d.cross_add(axes.linear, axes.angular), axes.linear);
                         z.moment = z.moment - inside(z.moment, from, to) + inside(passed.moment, from, own);
                         z.force = z.force - inside(z.force, from, to) + inside(passed.force, from, own);
                     } else {
-                        z.moment = columns.moving::<ALL, _, _>(d).cross_add(z.force, z.moment);
+                        z.moment =
+                            columns.moving::<ALL, _, _>(here.vector(OFFSET)).cross_add(z.force, z.moment);
                     }
                 });
             }

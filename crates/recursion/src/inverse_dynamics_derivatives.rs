@@ -251,7 +251,7 @@ impl<T: Scalar> DerivativeSweeps<T> {
             });
         }
         gather_inboard(layout, places, view);
-        spread::<_, W, ROWS>(places, view, (CARRIED_OMEGA..ALPHA).chain(COMPOSITE..DRIFT).chain(MOMENT..PSI));
+        spread::<_, W, ROWS>(places, view, (COMPOSITE..ALPHA).chain(MOMENT..PSI));
         let view = self.table.view();
         W::dispatch(Meet::<T, W, TURNING> {
             places,
