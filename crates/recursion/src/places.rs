@@ -20,10 +20,12 @@ const ZERO_TILES: usize = 16;
 mod aligned;
 mod pair;
 mod panels;
+mod rows;
 
 pub(crate) use aligned::Aligned;
-pub(crate) use pair::Pair;
+pub(crate) use pair::{Pair, PairRows, PairView};
 pub(crate) use panels::{Panels, each_place};
+pub(crate) use rows::{Rows, RowsMut};
 
 /// Where degrees of freedom are.
 #[derive(Clone, Debug)]
@@ -172,7 +174,7 @@ impl Places {
             let mut start = 0;
             for row in rows {
                 match (out.get_mut(start..start + whole), row.get(..whole)) {
-                    (Some(out), Some(row)) => copy::<T, W>(row, out),
+                    (Some(out), Some(row)) => copy_whole::<T, W>(row, out),
                     _ => copy::<T, W>(&row[..nv], &mut out[start..start + nv]),
                 }
                 start += nv;
@@ -191,11 +193,21 @@ impl Places {
 /// Copies as many numbers as there are, by registers.
 #[inline(always)]
 fn copy<T: Scalar, W: Wide<T>>(from: &[T], to: &mut [T]) {
-    let (mut from, mut to) = (from.chunks_exact(W::COUNT), to.chunks_exact_mut(W::COUNT));
-    for (from, to) in (&mut from).zip(&mut to) {
+    copy_whole::<T, W>(from, to);
+    let (from, to) = (from.chunks_exact(W::COUNT), to.chunks_exact_mut(W::COUNT));
+    W::load_first(from.remainder()).store_first(to.into_remainder());
+}
+
+/// Copies whole registers.
+#[inline(always)]
+fn copy_whole<T: Scalar, W: Wide<T>>(from: &[T], to: &mut [T]) {
+    if W::COUNT == 1 {
+        to.copy_from_slice(from);
+        return;
+    }
+    for (from, to) in from.chunks_exact(W::COUNT).zip(to.chunks_exact_mut(W::COUNT)) {
         W::load(from).store(to);
     }
-    W::load_first(from.remainder()).store_first(to.into_remainder());
 }
 
 /// Copies the upper triangle of a matrix of `n` rows to the lower one, in tiles.

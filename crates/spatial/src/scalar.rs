@@ -189,7 +189,7 @@ macro_rules! float_scalar {
             }
             #[inline(always)]
             fn is_positive(self) -> bool {
-                self > 0.0 && self < <$t>::INFINITY
+                self > 0.0 && self <= <$t>::MAX
             }
             fn min_lane(self) -> f64 {
                 self as f64

@@ -77,25 +77,24 @@ impl<T: Scalar> Filter<T> {
         sweep: &mut Sweep<'_, '_, T>,
     ) -> Result<(), DynamicsError> {
         if !lone || !<T::Six as SixLanes<T>>::is_fast() {
-            return inward(&mut self.numbers, &(), sweep);
+            return inward(&mut self.numbers, &[], sweep);
         }
         self.own.gather::<W>(sweep.places, &mut sweep.view);
-        inward(&mut self.packed, &self.own, sweep)
+        inward(&mut self.packed, self.own.all(), sweep)
     }
 }
 
 /// P and z as they go inward.
 trait Carried<T: Scalar>: Copy {
-    /// What it has of the bodies besides the table.
-    type Own;
     fn zero() -> Self;
     fn add(&mut self, other: &Self);
     fn of(moved: &Moved<T>) -> Self;
     fn numbers(&self) -> Moved<T>;
-    /// Past a joint of one axis, to the parent's origin. Without `LINEAR`, the axis has no linear part.
+    /// Past a joint of one axis, to the parent's origin. Without `LINEAR`, the axis has no linear part. `own`: the numbers of all bodies
+    /// that are not read from the table.
     fn pass_axis<const LINEAR: bool>(
         &mut self,
-        own: &Self::Own,
+        own: &[T],
         body: &LayoutBody<T::Constant>,
         place: usize,
         sweep: &mut Sweep<'_, '_, T>,
@@ -105,7 +104,7 @@ trait Carried<T: Scalar>: Copy {
 #[inline(always)]
 fn inward<T: Scalar, X: Carried<T>>(
     Waiting { pending, hand }: &mut Waiting<X>,
-    own: &X::Own,
+    own: &[T],
     sweep: &mut Sweep<'_, '_, T>,
 ) -> Result<(), DynamicsError> {
     pending.clear();
@@ -148,7 +147,6 @@ fn inward<T: Scalar, X: Carried<T>>(
 }
 
 impl<T: Scalar> Carried<T> for Moved<T> {
-    type Own = ();
     #[inline(always)]
     fn zero() -> Self {
         (ArticulatedInertia::zero(), Wrench::zero())
@@ -169,7 +167,7 @@ impl<T: Scalar> Carried<T> for Moved<T> {
     #[inline(always)]
     fn pass_axis<const LINEAR: bool>(
         &mut self,
-        (): &(),
+        _: &[T],
         body: &LayoutBody<T::Constant>,
         place: usize,
         Sweep { layout, view, gains, residuals, .. }: &mut Sweep<'_, '_, T>,

@@ -15,7 +15,7 @@ use crate::floating_base::{self, along_axes, each_axis};
 use crate::ground_axes::{AXIS, OFFSET, Passages, along};
 use crate::hinge::Hinge;
 use crate::layout::{GROUND, Layout};
-use crate::places::{Pair, Places, Table, View, vector};
+use crate::places::{Pair, PairRows, PairView, Places, Table, View, vector};
 use phipsi_spatial::wide::Wide;
 use phipsi_spatial::{Motion, Scalar, Vec3, Wrench};
 
@@ -107,7 +107,8 @@ impl<T: Scalar> Innovations<T> {
         out: [&mut [T]; 2],
     ) {
         let Innovations { columns, gains, inverse, passages, products, .. } = self;
-        let (solution, known) = (&mut products.solution, products.known);
+        let known = products.known;
+        let (b, mut solution) = (b.read(), products.solution.view());
         let Some(columns) = columns else { return };
         // Four registers hold 24 numbers: only AVX-512 has names for as many.
         let wide = size_of::<W>() >= 64;
@@ -122,7 +123,7 @@ impl<T: Scalar> Innovations<T> {
                     gains,
                     (inverse, passages),
                     columns,
-                    solution,
+                    &mut solution,
                     column,
                 );
                 column += SIDE * W::COUNT;
@@ -135,13 +136,13 @@ impl<T: Scalar> Innovations<T> {
                     gains,
                     (inverse, passages),
                     columns,
-                    solution,
+                    &mut solution,
                     column,
                 );
                 column += 2 * W::COUNT;
             }
         }
-        solution.write::<W>(places, out);
+        products.solution.write::<W>(places, out);
     }
 }
 
@@ -170,7 +171,7 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
     gains: &mut Table<T, GAINS>,
     passages: &Passages,
     columns: &mut ColumnSweeps<T>,
-    b: &Pair<T>,
+    b: PairRows<'_, T>,
     column: usize,
 ) {
     let size = 6 * SIDE * T::COLUMNS;
@@ -193,7 +194,7 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
             let (axes, gains) = (bodies.at(first).axes(), base_gains(&mut gains, first));
             for c in 0..C {
                 let mut difference = along_axes(&axes, &-z[c]);
-                let mut measured = b.rows(first, first + 6, column);
+                let mut measured = b.all(first, first + 6, column);
                 each_axis!(|I| {
                     let Some(measured) = measured.next() else { return };
                     difference[I] += W::load(&measured[c * W::COUNT..]);
@@ -208,8 +209,7 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
         }
         for place in first..inner {
             let kept = &mut columns.innovations[place * SIDE * T::COLUMNS..][..SIDE * T::COLUMNS];
-            let Some(measured) = b.rows(place, place + 1, column).next() else { return };
-            let measured = &measured[..C * W::COUNT];
+            let measured = b.one::<W, C>(place, column);
             with_axis!(bodies, gains, passages, place, |axis, gain, LINEAR| {
                 let (moment, force) = (vector::<T, W>(gain.moment), vector::<T, W>(gain.force));
                 for c in 0..C {
@@ -250,7 +250,7 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
     gains: &mut Table<T, GAINS>,
     (inverse, passages): (&[T], &Passages),
     columns: &mut ColumnSweeps<T>,
-    out: &mut Pair<T>,
+    out: &mut PairView<'_, T>,
     column: usize,
 ) {
     let size = 6 * SIDE * T::COLUMNS;
@@ -282,7 +282,7 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
                 });
                 let mut x = floating_base::accelerations(&gains, x);
                 each_axis!(|I| x[I] = -x[I]);
-                let mut rows = out.rows_mut(first, first + 6, column);
+                let mut rows = out.all(first, first + 6, column);
                 each_axis!(|I| {
                     let Some(out) = rows.next() else { return };
                     x[I].store(&mut out[c * W::COUNT..]);
@@ -306,8 +306,7 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
                         lambda[c].linear = along.scale_add(x[c], lambda[c].linear);
                     }
                 }
-                let Some(out) = out.rows_mut(place, place + 1, column).next() else { return };
-                let out = &mut out[..C * W::COUNT];
+                let out = out.one::<W, C>(place, column);
                 for c in 0..C {
                     (-x[c]).store(&mut out[c * W::COUNT..]);
                 }

@@ -5,7 +5,7 @@
 //! if one of c and j lies on the other's way. Columns are taken in panels of a few registers, rows in groups.
 
 use super::Innovations;
-use crate::places::{Aligned, Pair, Places, ROWS, each_place};
+use crate::places::{Aligned, Pair, PairRows, PairView, Places, ROWS, Rows, RowsMut, each_place};
 use phipsi_spatial::Scalar;
 use phipsi_spatial::wide::{WIDEST, Wide};
 
@@ -29,6 +29,8 @@ pub(super) struct Products<T> {
     inboard: Vec<Ranges>,
     /// M⁻¹, by places, and a row more, for rows that are read from a column on.
     inverse: Aligned<T>,
+    /// Numbers of rows that a product sums up at once: three to six, nearly the same.
+    blocks: Vec<usize>,
     /// −M⁻¹ B.
     pub(super) solution: Pair<T>,
     /// Columns at its beginning that are not of products.
@@ -122,7 +124,9 @@ impl<T: Scalar> Products<T> {
         });
         let inverse = Aligned::new(places.stride * (count + 1));
         let solution = if solution { Pair::new(places) } else { Pair::empty() };
-        Products { panels, inboard: inboard.collect(), inverse, solution, known }
+        let blocks = nv.div_ceil(MOST_ROWS);
+        let blocks = (0..blocks).map(|block| nv * (block + 1) / blocks - nv * block / blocks).collect();
+        Products { panels, inboard: inboard.collect(), inverse, blocks, solution, known }
     }
 }
 
@@ -160,17 +164,30 @@ impl<T: Scalar> Innovations<T> {
     /// −M⁻¹ B for two matrices B, to the model's order, after [`Innovations::inverse_mass_matrix`].
     #[inline(always)]
     pub(crate) fn negative_solve<W: Wide<T>>(&mut self, places: &Places, b: &Pair<T>, out: [&mut [T]; 2]) {
-        let Products { panels, inverse, solution, .. } = &mut self.products;
+        let Products { panels, inverse, blocks, solution, .. } = &mut self.products;
+        let inverse = (&**inverse, places.stride);
+        let (b, mut out_rows) = (b.read(), solution.view());
         // Sums of three and more registers: only AVX-512 has names for them.
         let wide = size_of::<W>() >= 64;
         for panel in panels.iter() {
             let (mut column, end) = (panel.column, panel.column + panel.registers * T::COLUMNS);
             while column < end {
-                let taken = match (end - column) / W::COUNT {
-                    4 if wide => solve::<T, W, 4>(places, inverse, &panel.related, column, b, solution),
-                    3 if wide => solve::<T, W, 3>(places, inverse, &panel.related, column, b, solution),
-                    1 => solve::<T, W, 1>(places, inverse, &panel.related, column, b, solution),
-                    _ => solve::<T, W, 2>(places, inverse, &panel.related, column, b, solution),
+                let registers = (end - column) / W::COUNT;
+                let mut row = places.margin;
+                for &rows in blocks.iter() {
+                    let (product, out) = ((inverse, &panel.related, b), &mut out_rows);
+                    match registers {
+                        4 if wide => solve::<T, W, 4>(product, (row, rows), column, out),
+                        3 if wide => solve::<T, W, 3>(product, (row, rows), column, out),
+                        1 => solve::<T, W, 1>(product, (row, rows), column, out),
+                        _ => solve::<T, W, 2>(product, (row, rows), column, out),
+                    }
+                    row += rows;
+                }
+                let taken = match registers {
+                    3 | 4 if wide => registers,
+                    1 => 1,
+                    _ => 2,
                 };
                 column += taken * W::COUNT;
             }
@@ -179,48 +196,39 @@ impl<T: Scalar> Innovations<T> {
     }
 }
 
-/// −M⁻¹ B of the columns of `G` registers; returns `G`.
+/// M⁻¹ and from one row of it to the next, the places of terms, and B.
+type Product<'a, T> = ((&'a [T], usize), &'a Ranges, PairRows<'a, T>);
+
+/// −M⁻¹ B of so many rows from one on and of the columns of `G` registers.
 #[inline(always)]
 fn solve<T: Scalar, W: Wide<T>, const G: usize>(
-    places: &Places,
-    inverse: &[T],
-    related: &Ranges,
+    product: Product<'_, T>,
+    (row, rows): (usize, usize),
     column: usize,
-    b: &Pair<T>,
-    solution: &mut Pair<T>,
-) -> usize {
-    let (mut row, nv) = (places.margin, places.count - places.margin);
-    // Rows in blocks of three to six, of nearly one size.
-    let blocks = nv.div_ceil(MOST_ROWS);
-    for block in 0..blocks {
-        let rows = nv * (block + 1) / blocks - nv * block / blocks;
-        let inverse = (inverse, places.stride);
-        match rows {
-            6 => solve_rows::<T, W, G, 6>(inverse, row, related, column, b, solution),
-            5 => solve_rows::<T, W, G, 5>(inverse, row, related, column, b, solution),
-            4 => solve_rows::<T, W, G, 4>(inverse, row, related, column, b, solution),
-            // One and two degrees of freedom have three rows, too.
-            _ => solve_rows::<T, W, G, 3>(inverse, row, related, column, b, solution),
-        }
-        row += rows;
+    out: &mut PairView<'_, T>,
+) {
+    match rows {
+        6 => solve_rows::<T, W, G, 6>(product, row, column, out),
+        5 => solve_rows::<T, W, G, 5>(product, row, column, out),
+        4 => solve_rows::<T, W, G, 4>(product, row, column, out),
+        // One and two degrees of freedom have three rows, too.
+        _ => solve_rows::<T, W, G, 3>(product, row, column, out),
     }
-    G
 }
 
 /// The same of `R` rows from `row` on.
 #[inline(always)]
 fn solve_rows<T: Scalar, W: Wide<T>, const G: usize, const R: usize>(
-    (inverse, stride): (&[T], usize),
+    ((inverse, stride), related, b): Product<'_, T>,
     row: usize,
-    related: &Ranges,
     column: usize,
-    b: &Pair<T>,
-    solution: &mut Pair<T>,
+    out: &mut PairView<'_, T>,
 ) {
     let mut sums = [[W::zero(); G]; R];
     for &(low, high) in related {
-        let weights = inverse[low * stride + row..high * stride + row].chunks_exact(stride);
-        for (b, weights) in b.rows(low, high, column).zip(weights) {
+        let mut weights = Rows::new(&inverse[low * stride + row..high * stride + row], stride);
+        for b in b.all(low, high, column) {
+            let Some(weights) = weights.next() else { break };
             let (b, weights) = (&b[..G * W::COUNT], &weights[..R]);
             let mut x = [W::zero(); G];
             for g in 0..G {
@@ -236,10 +244,8 @@ fn solve_rows<T: Scalar, W: Wide<T>, const G: usize, const R: usize>(
         }
     }
     // By number: iterators over arrays of registers keep them in memory.
-    let mut rows = solution.rows_mut(row, row + R, column);
     for r in 0..R {
-        let Some(out) = rows.next() else { return };
-        let out = &mut out[..G * W::COUNT];
+        let out = out.one::<W, G>(row + r, column);
         for g in 0..G {
             sums[r][g].store(&mut out[g * W::COUNT..]);
         }
@@ -258,8 +264,9 @@ fn tile<T: Scalar, W: Wide<T>>(
     let rows = rows_of_inverse::<T>();
     let mut sums = [W::zero(); WIDEST];
     for &(low, high) in terms {
-        let innovations = operator[low * stride..high * stride].chunks_exact(stride);
-        for (l, pivot) in innovations.zip(&pivots[low..high]) {
+        let mut innovations = Rows::new(&operator[low * stride..high * stride], stride);
+        for pivot in &pivots[low..high] {
+            let Some(l) = innovations.next() else { break };
             let x = W::load(&l[at..]) * W::broadcast(*pivot);
             let weights = &l[row..row + rows];
             for r in 0..rows {
@@ -280,13 +287,13 @@ fn put_tile<T: Scalar, W: Wide<T>, const DIAGONAL: bool>(
     let mut below = tile;
     W::transpose(&mut below);
     if !DIAGONAL {
-        let mut rows = inverse[top * s..(top + W::COUNT) * s].chunks_exact_mut(s);
+        let mut rows = RowsMut::new(&mut inverse[top * s..(top + W::COUNT) * s], s);
         each_place!(W, I => {
             let Some(row) = rows.next() else { return };
             tile[I].store(&mut row[at..]);
         });
     }
-    let mut rows = inverse[at * s..(at + W::COUNT) * s].chunks_exact_mut(s);
+    let mut rows = RowsMut::new(&mut inverse[at * s..(at + W::COUNT) * s], s);
     each_place!(W, I => {
         let Some(row) = rows.next() else { return };
         let x = if DIAGONAL { below[I].up_to(I, tile[I]) } else { below[I] };

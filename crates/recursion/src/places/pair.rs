@@ -1,6 +1,6 @@
 //! Two matrices of the places side by side, so that a product takes the columns of both as those of one.
 
-use super::{Aligned, Places, WIDEST, each_place};
+use super::{Aligned, Places, Rows, RowsMut, WIDEST, each_place};
 use phipsi_spatial::wide::Wide;
 use phipsi_spatial::{Scalar, Vec3};
 
@@ -52,28 +52,39 @@ impl<T: Scalar> Pair<T> {
     pub(crate) fn view(&mut self) -> PairView<'_, T> {
         PairView { shape: self.shape, numbers: &mut self.numbers }
     }
-    /// Rows from `from` on and before `to`, each from column `column` of both matrices on: as many numbers as a row has.
+    /// Access to all rows, to read them, for the time of a sweep.
     #[inline(always)]
-    pub(crate) fn rows(&self, from: usize, to: usize, column: usize) -> impl Iterator<Item = &[T]> {
-        let (stride, start) = (self.shape.stride, self.shape.lead + column);
-        self.numbers[from * stride + start..to * stride + start].chunks_exact(stride)
-    }
-    /// The same, to be written.
-    #[inline(always)]
-    pub(crate) fn rows_mut(
-        &mut self,
-        from: usize,
-        to: usize,
-        column: usize,
-    ) -> impl Iterator<Item = &mut [T]> {
-        let (stride, start) = (self.shape.stride, self.shape.lead + column);
-        self.numbers[from * stride + start..to * stride + start].chunks_exact_mut(stride)
+    pub(crate) fn read(&self) -> PairRows<'_, T> {
+        PairRows { shape: self.shape, numbers: &self.numbers }
     }
     /// Writes both matrices, to the model's order.
     #[inline(always)]
     pub(crate) fn write<W: Wide<T>>(&self, places: &Places, [first, second]: [&mut [T]; 2]) {
-        places.write_rows::<T, W>(self.rows(places.margin, places.count, 0), first);
-        places.write_rows::<T, W>(self.rows(places.margin, places.count, self.shape.nv), second);
+        let rows = self.read();
+        places.write_rows::<T, W>(rows.all(places.margin, places.count, 0), first);
+        places.write_rows::<T, W>(rows.all(places.margin, places.count, self.shape.nv), second);
+    }
+}
+
+/// See [`Pair`].
+#[derive(Clone, Copy)]
+pub(crate) struct PairRows<'a, T> {
+    shape: Shape,
+    numbers: &'a [T],
+}
+
+impl<'a, T: Scalar> PairRows<'a, T> {
+    /// Rows from `from` on and before `to`, each from column `column` of both matrices on: as many numbers as a row has.
+    #[inline(always)]
+    pub(crate) fn all(&self, from: usize, to: usize, column: usize) -> Rows<'a, T> {
+        let (stride, start) = (self.shape.stride, self.shape.lead + column);
+        Rows::new(&self.numbers[from * stride + start..to * stride + start], stride)
+    }
+    /// `W::COUNT` × `G` numbers of one row, from column `column` of both matrices on.
+    #[inline(always)]
+    pub(crate) fn one<W: Wide<T>, const G: usize>(&self, row: usize, column: usize) -> &'a [T] {
+        let start = row * self.shape.stride + self.shape.lead + column;
+        &self.numbers[start..start + G * W::COUNT]
     }
 }
 
@@ -84,6 +95,18 @@ pub(crate) struct PairView<'a, T> {
 }
 
 impl<T: Scalar> PairView<'_, T> {
+    /// As [`PairRows::all`], to be written.
+    #[inline(always)]
+    pub(crate) fn all(&mut self, from: usize, to: usize, column: usize) -> RowsMut<'_, T> {
+        let (stride, start) = (self.shape.stride, self.shape.lead + column);
+        RowsMut::new(&mut self.numbers[from * stride + start..to * stride + start], stride)
+    }
+    /// As [`PairRows::one`], to be written.
+    #[inline(always)]
+    pub(crate) fn one<W: Wide<T>, const G: usize>(&mut self, row: usize, column: usize) -> &mut [T] {
+        let start = row * self.shape.stride + self.shape.lead + column;
+        &mut self.numbers[start..start + G * W::COUNT]
+    }
     /// A number of each matrix, from registers of one number.
     #[inline(always)]
     pub(crate) fn set<W: Wide<T>>(&mut self, row: usize, place: usize, [a, b]: [W; 2]) {
@@ -131,7 +154,7 @@ impl<T: Scalar> PairView<'_, T> {
         let Shape { margin, nv, stride, .. } = self.shape;
         let (hidden, ends) = (margin.saturating_sub(left), &ends[..W::COUNT]);
         let start = self.shape.index(top, left);
-        let mut rows = self.numbers[start..][..W::COUNT * stride].chunks_exact_mut(stride);
+        let mut rows = RowsMut::new(&mut self.numbers[start..], stride);
         if hidden == 0 && ends[0] >= left + W::COUNT {
             each_place!(W, I => {
                 let Some(row) = rows.next() else { return };

@@ -53,9 +53,10 @@ impl<T: Scalar> OwnNumbers<T> {
             }
         }
     }
+    /// Of all bodies.
     #[inline(always)]
-    fn at(&self, place: usize) -> &[T] {
-        &self.0[place * NUMBERS..][..NUMBERS]
+    pub(super) fn all(&self) -> &[T] {
+        &self.0
     }
 }
 
@@ -80,7 +81,6 @@ fn eight<T: Scalar, S: SixLanes<T>>(x: &[T]) -> S {
 }
 
 impl<T: Scalar> Carried<T> for Packed<T::Six> {
-    type Own = OwnNumbers<T>;
     #[inline(always)]
     fn zero() -> Self {
         Packed::zero::<T>()
@@ -100,12 +100,12 @@ impl<T: Scalar> Carried<T> for Packed<T::Six> {
     #[inline(always)]
     fn pass_axis<const LINEAR: bool>(
         &mut self,
-        own: &OwnNumbers<T>,
+        own: &[T],
         body: &LayoutBody<T::Constant>,
         place: usize,
         Sweep { layout, view, gains, residuals, .. }: &mut Sweep<'_, '_, T>,
     ) -> Result<(), DynamicsError> {
-        let (own, here) = (own.at(place), view.at(place));
+        let (own, here) = (&own[place * NUMBERS..][..NUMBERS], view.at(place));
         let mut entries = [T::zero(); 16];
         entries.copy_from_slice(&own[INERTIA..][..16]);
         let M = <T::Six as SixLanes<T>>::rigid_columns(&entries);
