@@ -10,11 +10,15 @@
 //! φ(p, k) is a shift by d alone, six multiplications for a wrench. Only directions refer to the ground; no distance does.
 
 use crate::hinge::Hinge;
-use crate::layout::{GROUND, Layout, LayoutBody, Shifts};
+use crate::layout::{GROUND, Layout, LayoutBody};
 use crate::places::{Group, Places, Table, View, inside, vector};
 use core::ops::Range;
 use phipsi_spatial::wide::Wide;
 use phipsi_spatial::{Mat3, Motion, RigidInertia, Scalar, Sym3, Vec3, Wrench};
+
+mod turning;
+
+pub(crate) use turning::Turning;
 
 pub(crate) const AXES: usize = 0;
 pub(crate) const OFFSET: usize = 9;
@@ -84,40 +88,17 @@ pub(crate) fn set_body<T: Scalar, const N: usize>(
         here.set_vector(AXIS, axes[2]);
         return;
     }
+    set_axes(view, at, body);
+}
+
+/// The columns of H* and the offset of a body in the table that is on another joint than a hinge.
+#[inline(always)]
+fn set_axes<T: Scalar, const N: usize>(view: &mut View<'_, T, N>, at: usize, body: &LayoutBody<T::Constant>) {
     // Read again: numbers chosen by an index would all have to lie in memory, for hinges, too.
-    let axes = here.axes();
+    let (axes, offset) = (view.at(at).axes(), view.at(at).vector::<T>(OFFSET));
     for i in 0..body.hinge.nv() {
         view.at(at + i).set_motion(AXIS, axis(&body.hinge, &axes, i));
         view.at(at + i).set_vector(OFFSET, offset);
-    }
-}
-
-/// Axes, offsets and hinge axes of all bodies, base to tip.
-#[inline(always)]
-pub(crate) fn turn_outboard<T: Scalar, const N: usize>(
-    layout: &Layout<T::Constant>,
-    shifts: &Shifts<T>,
-    places: &Places,
-    view: &mut View<'_, T, N>,
-) {
-    let (bodies, first) = (layout.bodies(), &places.first[..layout.len()]);
-    let mut k = 0;
-    // Along a run of first children axes stay in registers.
-    while k < bodies.len() {
-        let mut axes = match bodies[k].parent {
-            GROUND => ground(),
-            parent => view.at(first[parent]).axes(),
-        };
-        loop {
-            let (body, at) = (&bodies[k], first[k]);
-            let offset;
-            (axes, offset) = shifts.at(k, body).axes_to_child(axes);
-            set_body(view, at, body, &axes, offset);
-            k += 1;
-            if k == bodies.len() || !bodies[k].follows_parent(k) {
-                break;
-            }
-        }
     }
 }
 

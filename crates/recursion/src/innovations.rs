@@ -13,7 +13,7 @@
 use crate::articulated_sweep::{ArticulatedSweep, Pivot};
 use crate::error::DynamicsError;
 use crate::floating_base::{self, along_axes, each_axis};
-use crate::ground_axes::{self, AXES, AXIS, Columns, OFFSET, Passages, along, each_way};
+use crate::ground_axes::{self, AXES, AXIS, Columns, OFFSET, Passages, Turning, along, each_way};
 use crate::hinge::combine;
 use crate::layout::{Layout, Shifts};
 use crate::places::{Aligned, Places, Table, View, inside, vector};
@@ -192,6 +192,7 @@ impl<T: Scalar> Gains<'_, T> {
 pub(crate) struct InnovationsSweep<T> {
     pub(crate) places: Places,
     bodies: Table<T, { ground_axes::ROWS }>,
+    turning: Turning<T>,
     pub(crate) innovations: Innovations<T>,
 }
 
@@ -199,7 +200,7 @@ impl<T: Scalar> InnovationsSweep<T> {
     pub(crate) fn new(layout: &Layout<T::Constant>) -> Self {
         let places = Places::new::<T>(layout);
         let (bodies, innovations) = (ground_axes::table(&places), Innovations::new(layout, &places));
-        InnovationsSweep { places, bodies, innovations }
+        InnovationsSweep { turning: Turning::new(layout, &places), places, bodies, innovations }
     }
     /// [`Innovations::update`], with the pivots of an articulated sweep and the shifts of the same configuration.
     #[inline(always)]
@@ -210,7 +211,7 @@ impl<T: Scalar> InnovationsSweep<T> {
         shifts: &Shifts<T>,
     ) {
         let mut bodies = self.bodies.view();
-        ground_axes::turn_outboard::<T, _>(layout, shifts, &self.places, &mut bodies);
+        self.turning.outboard::<W, _>(layout, shifts, &self.places, &mut bodies);
         let mut gains = self.innovations.gains();
         for (body, &first) in layout.bodies().iter().zip(&self.places.first) {
             let axes = bodies.at(first).axes();

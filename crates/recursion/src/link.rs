@@ -10,6 +10,7 @@
 //! α = ±90°, which cost nothing. Ball and free joints pass through a general rotation.
 
 use crate::hinge::Hinge;
+use core::ops::Neg;
 use phipsi_spatial::{
     Axis, Mat3, Motion, Quaternion, Real, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench,
 };
@@ -396,11 +397,11 @@ impl<C: Real> Link<C> {
     }
     /// Three axes of the parent, in any frame, turned into the body's; and the body's origin from the parent's, there.
     #[inline(always)]
-    pub(crate) fn axes_to_child<T: Scalar<Constant = C>>(
+    pub(crate) fn axes_to_child<T: Scalar<Constant = C>, V: Direction<T>>(
         &self,
         shift: &Shift<T>,
-        axes: [Vec3<T>; 3],
-    ) -> ([Vec3<T>; 3], Vec3<T>) {
+        axes: [V; 3],
+    ) -> ([V; 3], V) {
         let [mut x, mut y, mut z] = axes;
         if self.has_first {
             (x, y) = turned(Turn::constant(&self.first), x, y);
@@ -444,8 +445,26 @@ impl<C: Real> Link<C> {
 
 /// Two axes turned in their plane.
 #[inline(always)]
-fn turned<T: Scalar>(turn: Turn<T>, a: Vec3<T>, b: Vec3<T>) -> (Vec3<T>, Vec3<T>) {
+fn turned<T: Scalar, V: Direction<T>>(turn: Turn<T>, a: V, b: V) -> (V, V) {
     (a.scale_add(turn.cos, b.scale(turn.sin)), b.scale_add(turn.cos, a.scale(-turn.sin)))
+}
+
+/// A vector that is turned as a whole: of numbers, or in one register.
+pub(crate) trait Direction<T>: Copy + Neg<Output = Self> {
+    fn scale(self, x: T) -> Self;
+    /// Self times `x`, and another.
+    fn scale_add(self, x: T, other: Self) -> Self;
+}
+
+impl<T: Scalar> Direction<T> for Vec3<T> {
+    #[inline(always)]
+    fn scale(self, x: T) -> Self {
+        Vec3::scale(self, x)
+    }
+    #[inline(always)]
+    fn scale_add(self, x: T, other: Self) -> Self {
+        Vec3::scale_add(self, x, other)
+    }
 }
 
 /// (c, s) of length one.

@@ -14,8 +14,8 @@ use crate::error::{DynamicsError, check_length};
 use crate::flexible::Composite;
 use crate::floating_base::{along_axes, each_axis, seen_rigid};
 use crate::ground_axes::{
-    self, AXES, AXIS, COMPOSITE, OFFSET, OwnInertias, ROWS, Way, along, each_own_inertia, gather_composites,
-    spread, turn_outboard, ways,
+    self, AXES, AXIS, COMPOSITE, OFFSET, OwnInertias, ROWS, Turning, Way, along, each_own_inertia,
+    gather_composites, spread, ways,
 };
 use crate::layout::{GROUND, Layout, Shifts};
 use crate::places::{Panels, Places, Table, View, inside, vector};
@@ -28,6 +28,7 @@ pub struct MassMatrix<T: Scalar> {
     shifts: Shifts<T::Arithmetic>,
     places: Places,
     bodies: Table<T::Arithmetic, ROWS>,
+    turning: Turning<T::Arithmetic>,
     own: OwnInertias<T::Arithmetic>,
     ways: Vec<Way>,
     /// True if any axis may have a linear part.
@@ -46,6 +47,7 @@ impl<T: Scalar> MassMatrix<T> {
         MassMatrix {
             shifts: Shifts::new(layout),
             bodies: ground_axes::table(&places),
+            turning: Turning::new(layout, &places),
             own: OwnInertias::new(layout, &places),
             linear: ways.iter().any(|way| way.linear),
             ways,
@@ -96,10 +98,10 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Gather<'_, T> {
     #[inline(always)]
     fn run<W: Wide<T::Arithmetic>>(self) {
         let Gather { work, layout, q } = self;
-        let MassMatrix { shifts, places, bodies, own, .. } = work;
+        let MassMatrix { shifts, places, bodies, turning, own, .. } = work;
         let view = &mut bodies.view();
         shifts.set_all(layout, q);
-        turn_outboard::<_, ROWS>(layout, shifts, places, view);
+        turning.outboard::<W, ROWS>(layout, shifts, places, view);
         each_own_inertia!(T::Arithmetic, W, layout, places, own, view, |group, inertia| {
             group.set_rigid(COMPOSITE, &inertia)
         });

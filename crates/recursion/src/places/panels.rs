@@ -24,7 +24,7 @@ impl Places {
     /// freedom and some zeros beside them.
     #[inline(always)]
     pub(crate) fn write_symmetric<T: Scalar, W: Wide<T>>(&self, upper: &Panels<T>, out: &mut [T]) {
-        let nv = self.count - self.margin;
+        let (nv, upper) = (self.count - self.margin, upper.read());
         if !self.in_order {
             for row in self.margin..self.count {
                 let (i, end) = (self.dof[row], self.outboard[row]);
@@ -62,31 +62,47 @@ impl Places {
         top: usize,
         out: &mut [T],
     ) {
-        let (nv, margin, width) = (self.count - self.margin, self.margin, W::COUNT);
+        let (nv, margin) = (self.count - self.margin, self.margin);
         // Rows of the tile that are empty.
         let hidden = margin.saturating_sub(left);
         let mut below = tile;
         W::transpose(&mut below);
         let (row, column) = (left + hidden - margin, top.max(margin) - margin);
-        if !DIAGONAL {
-            let corner = row * nv + column;
-            each_place!(W, I => if (hidden..).contains(&I) {
-                let at = corner + (I - hidden) * nv;
-                tile[I].store(&mut out[at..at + width]);
-            });
+        if DIAGONAL {
+            each_place!(W, I => below[I] = below[I].up_to(I, tile[I]));
+        } else {
+            put_rows(tile, (hidden, 0), nv, &mut out[row * nv + column..]);
         }
-        let corner = column * nv + row;
         let skip = if DIAGONAL { hidden } else { 0 };
-        each_place!(W, I => if (skip..).contains(&I) {
-            let x = if DIAGONAL { below[I].up_to(I, tile[I]) } else { below[I] };
-            let at = corner + (I - skip) * nv;
-            if hidden == 0 {
-                x.store(&mut out[at..at + width]);
-            } else {
-                x.store_from(hidden, &mut out[at..at + width - hidden]);
-            }
-        });
+        put_rows(below, (skip, hidden), nv, &mut out[column * nv + row..]);
     }
+}
+
+/// Writes the rows of a tile from `first` on, without their first `cut` numbers, to a matrix of rows of `nv` numbers that is given from the
+/// place of the first of them on.
+#[inline(always)]
+fn put_rows<T: Scalar, W: Wide<T>>(
+    tile: [W; WIDEST],
+    (first, cut): (usize, usize),
+    nv: usize,
+    mut out: &mut [T],
+) {
+    // Row by row: places by multiplication would all be kept for the next tile.
+    if first == 0 && cut == 0 {
+        each_place!(W, I => {
+            if I > 0 {
+                out = out.get_mut(nv..).unwrap_or_default();
+            }
+            tile[I].store(&mut out[..W::COUNT]);
+        });
+        return;
+    }
+    each_place!(W, I => if I >= first {
+        if I > first {
+            out = out.get_mut(nv..).unwrap_or_default();
+        }
+        tile[I].store_from(cut, &mut out[..W::COUNT - cut]);
+    });
 }
 
 /// A matrix by panels of [`Scalar::COLUMNS`] columns, one row after the other, so that tiles lie together.
@@ -103,11 +119,11 @@ impl<T: Scalar> Panels<T> {
     }
     #[inline(always)]
     fn index(&self, row: usize, column: usize) -> usize {
-        (column / T::COLUMNS * self.rows + row) * T::COLUMNS + column % T::COLUMNS
+        index::<T>(self.rows, row, column)
     }
     #[inline(always)]
-    fn get(&self, row: usize, column: usize) -> T {
-        self.numbers[self.index(row, column)]
+    fn read(&self) -> PanelRows<'_, T> {
+        PanelRows { numbers: &self.numbers, rows: self.rows }
     }
     /// Writes what is above the diagonal of a block that begins on it.
     #[inline(always)]
@@ -126,12 +142,31 @@ impl<T: Scalar> Panels<T> {
         let (start, end) = (self.index(0, column), self.index(self.rows, Places::group(column, T::COLUMNS)));
         &mut self.numbers[start..end]
     }
+}
+
+/// Where a number of a matrix in panels is.
+#[inline(always)]
+fn index<T: Scalar>(rows: usize, row: usize, column: usize) -> usize {
+    (column / T::COLUMNS * rows + row) * T::COLUMNS + column % T::COLUMNS
+}
+
+/// [`Panels`] to be read, for the time of a sweep.
+struct PanelRows<'a, T> {
+    numbers: &'a [T],
+    rows: usize,
+}
+
+impl<T: Scalar> PanelRows<'_, T> {
+    #[inline(always)]
+    fn get(&self, row: usize, column: usize) -> T {
+        self.numbers[index::<T>(self.rows, row, column)]
+    }
     /// As many rows as a register has columns.
     #[inline(always)]
     fn tile<W: Wide<T>>(&self, row: usize, column: usize) -> [W; WIDEST] {
-        let start = self.index(row, Places::group(column, T::COLUMNS));
+        let start = index::<T>(self.rows, row, Places::group(column, T::COLUMNS));
         let lane = column & (T::COLUMNS - W::COUNT.min(T::COLUMNS));
-        let rows = &self.numbers[start..start + W::COUNT * T::COLUMNS];
+        let rows = &self.numbers[start..][..W::COUNT * T::COLUMNS];
         let mut tile = [W::zero(); WIDEST];
         each_place!(W, I => tile[I] = W::load(&rows[..W::COUNT * T::COLUMNS][I * T::COLUMNS + lane..][..W::COUNT]));
         tile
