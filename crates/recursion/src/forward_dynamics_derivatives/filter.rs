@@ -344,9 +344,9 @@ mod tests {
                 if packed == 1 {
                     filter.own = OwnNumbers::with_room(places);
                     filter.own.gather::<f64>(places, &mut sweep.view);
-                    inward(&mut filter.packed, &filter.own, &mut sweep).unwrap();
+                    inward(&mut filter.packed, filter.own.all(), &mut sweep).unwrap();
                 } else {
-                    inward(&mut filter.numbers, &(), &mut sweep).unwrap();
+                    inward(&mut filter.numbers, &[], &mut sweep).unwrap();
                 }
                 for place in places.margin..places.count {
                     result.extend(sweep.gains.gain(place).to_array());

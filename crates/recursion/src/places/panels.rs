@@ -1,6 +1,7 @@
 //! A symmetric matrix on its way from registers to the model's order.
 
 use super::{Aligned, Places};
+use core::mem::take;
 use phipsi_spatial::Scalar;
 use phipsi_spatial::wide::{WIDEST, Wide};
 
@@ -91,7 +92,7 @@ fn put_rows<T: Scalar, W: Wide<T>>(
     if first == 0 && cut == 0 {
         each_place!(W, I => {
             if I > 0 {
-                out = out.get_mut(nv..).unwrap_or_default();
+                out = &mut take(&mut out)[nv..];
             }
             tile[I].store(&mut out[..W::COUNT]);
         });
@@ -99,7 +100,7 @@ fn put_rows<T: Scalar, W: Wide<T>>(
     }
     each_place!(W, I => if I >= first {
         if I > first {
-            out = out.get_mut(nv..).unwrap_or_default();
+            out = &mut take(&mut out)[nv..];
         }
         tile[I].store_from(cut, &mut out[..W::COUNT - cut]);
     });
