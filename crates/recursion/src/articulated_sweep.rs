@@ -136,21 +136,22 @@ pub(crate) fn filter<T: Scalar>(
     match hinge {
         Hinge::Revolute => residuals[0] = filter_revolute(&pivots[0], z, residuals[0]),
         Hinge::Free => {
-            // H = I and G = I: z⁺ = T exactly, whatever the size of z; what gains have for axes before their own is rounding.
+            // H = I and G = I: z⁺ = T exactly, whatever the size of z; what gains have for axes before their own is rounding. Sum by sum, not
+            // gain by gain: rows of gains would be read by registers of 64 bytes.
             let (pivots, residuals) = (&pivots[..6], &mut residuals[..6]);
-            let (mut through, mut rest) = ([T::zero(); 6], z.to_array());
+            let (mut through, mut epsilon, z_at) = ([T::zero(); 6], [T::zero(); 6], z.to_array());
             each_component!(
                 hinge,
                 |I, C| {
-                    let gain = pivots[I].gain.to_array();
-                    let epsilon = residuals[I] - rest[C];
+                    let mut rest = z_at[C];
                     for j in 0..6 {
-                        if j > I {
-                            rest[j] = gain[j].fma(epsilon, rest[j]);
+                        if j < I {
+                            rest = pivots[j].gain.get(C).fma(epsilon[j], rest);
                         }
                     }
+                    epsilon[I] = residuals[I] - rest;
                     through[C] = residuals[I];
-                    residuals[I] = epsilon * pivots[I].inverse;
+                    residuals[I] = epsilon[I] * core::hint::black_box(&pivots[I]).inverse;
                 },
                 {}
             );

@@ -20,7 +20,7 @@ const NUMBERS: usize = 4 * QUAD;
 pub(crate) struct Turning<T> {
     /// Axes and offsets, by places.
     vectors: Aligned<T>,
-    /// Bodies on other joints than hinges.
+    /// Bodies on other joints than hinges; floating bases have no columns here.
     others: Vec<usize>,
 }
 
@@ -62,7 +62,7 @@ impl<T: Scalar> Turning<T> {
     pub(crate) fn new(layout: &Layout<T::Constant>, places: &Places) -> Self {
         let count = if T::COLUMNS > 1 { NUMBERS * places.count } else { 0 };
         let others = layout.bodies().iter().enumerate();
-        let others = others.filter(|(_, body)| !matches!(body.hinge, Hinge::Revolute));
+        let others = others.filter(|(_, body)| !matches!(body.hinge, Hinge::Revolute) && !body.floats());
         Turning { vectors: Aligned::new(count), others: others.map(|(k, _)| k).collect() }
     }
     /// Axes, offsets and columns of H* in the table.

@@ -1,7 +1,6 @@
 //! A symmetric matrix on its way from registers to the model's order.
 
 use super::{Aligned, Places};
-use core::mem::take;
 use phipsi_spatial::Scalar;
 use phipsi_spatial::wide::{WIDEST, Wide};
 
@@ -92,7 +91,7 @@ fn put_rows<T: Scalar, W: Wide<T>>(
     if first == 0 && cut == 0 {
         each_place!(W, I => {
             if I > 0 {
-                out = &mut take(&mut out)[nv..];
+                out = out.get_mut(nv..).unwrap_or_default();
             }
             tile[I].store(&mut out[..W::COUNT]);
         });
@@ -100,7 +99,7 @@ fn put_rows<T: Scalar, W: Wide<T>>(
     }
     each_place!(W, I => if I >= first {
         if I > first {
-            out = &mut take(&mut out)[nv..];
+            out = out.get_mut(nv..).unwrap_or_default();
         }
         tile[I].store_from(cut, &mut out[..W::COUNT - cut]);
     });
