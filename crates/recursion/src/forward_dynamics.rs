@@ -199,12 +199,12 @@ impl<T: Scalar, X: Carrying<T>> Kernel for Whole<'_, T, X> {
 }
 
 impl<T: Scalar> Run<'_, T> {
-    /// Velocities outward: with the sines of `ALL` coordinates at once, or of some bodies at a time.
+    /// Velocities outward: with the sines of `ALL` hinges at once, or of some bodies at a time.
     #[inline(always)]
     fn sweep_velocities<const WHOLE: bool>(&mut self, numbers: Range<usize>) {
         let mut previous = self.outside.0;
         if WHOLE {
-            self.shifts.begin_all(self.call.q);
+            self.shifts.begin_all(self.call.layout, self.call.q);
             self.velocities::<WHOLE>(numbers, previous);
             return;
         }

@@ -147,12 +147,12 @@ kernel! {
 }
 
 impl<T: Scalar> Run<'_, T> {
-    /// Outward: with the sines of `ALL` coordinates at once, or of some bodies at a time.
+    /// Outward: with the sines of `ALL` hinges at once, or of some bodies at a time.
     #[inline(always)]
     fn sweep_outboard<const WHOLE: bool>(&mut self, numbers: Range<usize>) {
         let mut previous = self.outside;
         if WHOLE {
-            self.shifts.begin_all(self.call.q);
+            self.shifts.begin_all(self.call.layout, self.call.q);
             self.outward::<WHOLE>(numbers, previous);
             return;
         }

@@ -14,6 +14,7 @@ use crate::flexible::{FlexibleTree, rigid_inboard, rigid_node};
 use crate::hinge::Hinge;
 use crate::kernel::kernel;
 use crate::link::{Link, each_shape};
+use core::ops::Range;
 use phipsi_model::joint::rotation_from_z;
 use phipsi_model::{JointKind, Model};
 use phipsi_spatial::six_lanes::{RigidEntries, rigid_entries};
@@ -183,6 +184,8 @@ pub struct Layout<C = f64> {
     flexible: Option<Box<FlexibleTree<C>>>,
     nq: usize,
     nv: usize,
+    /// All coordinates of hinges, and perhaps some between them: the angles whose sines sweeps need.
+    angles: Range<usize>,
     joint_of_velocity: Vec<(String, usize)>,
     refused: Option<DynamicsError>,
 }
@@ -267,6 +270,8 @@ impl<C: Real> Layout<C> {
             }
         }
         let branches = branches::cut_large(&bodies);
+        let of_hinges = || bodies.iter().filter(|b| matches!(b.hinge, Hinge::Revolute)).map(|b| b.q);
+        let angles = of_hinges().min().unwrap_or(0)..of_hinges().max().map_or(0, |last| last + 1);
         Layout {
             bodies,
             carriers,
@@ -279,6 +284,7 @@ impl<C: Real> Layout<C> {
             flexible,
             nq: model.nq(),
             nv: model.nv(),
+            angles,
             joint_of_velocity,
             refused,
         }

@@ -3,6 +3,7 @@
 use super::{Branch, Layout, LayoutBody, carve};
 use crate::hinge::{Hinge, combine};
 use crate::link::Shift;
+use core::ops::Range;
 use phipsi_spatial::{Motion, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench};
 
 /// φ(p, k) of all bodies at one configuration.
@@ -10,7 +11,7 @@ use phipsi_spatial::{Motion, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench
 pub(crate) struct Shifts<T> {
     shift: Vec<Shift<T>>,
     general: Vec<Transform<T>>,
-    /// Where sines are taken together: of all coordinates, or of the first coordinates of some bodies. As many as bodies at
+    /// Where sines are taken together: of all hinges, by their coordinates, or of the first coordinates of some bodies. As many as bodies at
     /// least, so that each run of bodies has some to work with.
     q: Vec<T>,
     sin: Vec<T>,
@@ -30,7 +31,8 @@ impl<T: Scalar> Shifts<T> {
         let general = layout.bodies.iter().filter(|b| b.is_general()).count();
         let together = sines_together::<T>();
         let (n, nq) = if together { (layout.len(), layout.nq()) } else { (0, 0) };
-        let room = nq.next_multiple_of(T::COLUMNS);
+        // Registers are written as a whole, the last one beyond the last angle.
+        let room = nq + T::COLUMNS;
         Shifts {
             shift: layout.bodies.iter().map(|b| b.link.at_rest()).collect(),
             general: vec![Transform::identity(); general],
@@ -42,7 +44,7 @@ impl<T: Scalar> Shifts<T> {
     #[inline(always)]
     pub(crate) fn set_all(&mut self, layout: &Layout<T::Constant>, q: &[T]) {
         let mut run = self.run();
-        run.begin_all(q);
+        run.begin_all(layout, q);
         for (k, body) in layout.bodies.iter().enumerate() {
             run.set::<true>(k, k, body, q);
         }
@@ -85,11 +87,12 @@ impl<T: Scalar> ShiftRun<'_, T> {
         let ShiftRun { shift, general, first_general, q, sin, cos } = self;
         ShiftRun { shift, general, first_general: *first_general, q, sin, cos }
     }
-    /// Takes the sines of all coordinates.
+    /// Takes the sines of all hinges.
     #[inline(always)]
-    pub(crate) fn begin_all(&mut self, q: &[T]) {
+    pub(crate) fn begin_all(&mut self, layout: &Layout<T::Constant>, q: &[T]) {
         if sines_together::<T>() {
-            T::sin_cos_all(q, self.sin, self.cos);
+            let Range { start, end } = layout.angles;
+            T::sin_cos_all(&q[start..end], &mut self.sin[start..], &mut self.cos[start..]);
         }
     }
     /// Takes the sines of some bodies' first coordinates, whose shifts are set next.
@@ -104,7 +107,7 @@ impl<T: Scalar> ShiftRun<'_, T> {
         }
         T::sin_cos_all(&self.q[..count], self.sin, self.cos);
     }
-    /// Z(q + θ₁) of a hinge. Sines are those of `ALL` coordinates, or the `i`th of the bodies that [`ShiftRun::begin`] took.
+    /// Z(q + θ₁) of a hinge. Sines are those of `ALL` hinges, or the `i`th of the bodies that [`ShiftRun::begin`] took.
     #[inline(always)]
     pub(crate) fn turned<const ALL: bool>(
         &self,
