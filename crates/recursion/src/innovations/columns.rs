@@ -12,9 +12,9 @@
 
 use super::{GAIN, GAINS, Innovations, base_gains};
 use crate::floating_base::{self, along_axes, each_axis};
-use crate::ground_axes::{AXIS, OFFSET, Passages, along};
+use crate::ground_axes::{AXIS, OFFSET, Passages, along, dot};
 use crate::hinge::Hinge;
-use crate::layout::{GROUND, Layout};
+use crate::layout::{GROUND, Layout, LayoutBody};
 use crate::places::{Pair, PairRows, PairView, Places, Table, View, vector};
 use phipsi_spatial::wide::Wide;
 use phipsi_spatial::{Motion, Scalar, Vec3, Wrench};
@@ -178,7 +178,11 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
     let mut gains = gains.view();
     columns.branches.fill(T::zero());
     let mut z = [Wrench::<W>::zero(); C];
-    for (k, body) in layout.bodies().iter().enumerate().rev() {
+    let all = layout.bodies();
+    let mut k = all.len();
+    while k > 0 {
+        k -= 1;
+        let body = &all[k];
         let (first, inner) = (places.first[k], places.first[k] + body.hinge.nv());
         match body.children {
             0 => z = [Wrench::zero(); C],
@@ -189,6 +193,41 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
                     *z = wrench(kept);
                 }
             }
+        }
+        if let Hinge::Revolute = body.hinge {
+            // Along a run of hinges z stays in registers: by number, for iterators would keep it in memory.
+            let mut run = z;
+            loop {
+                let (body, place) = (&all[k], places.first[k]);
+                let here = bodies.lane(Table::<T, N>::start(place));
+                let (axis, d) = (here.vector(AXIS), vector::<T, W>(here.vector(OFFSET)));
+                let gain = gains.at(place).wrench::<T>(GAIN);
+                let (moment, force) = (vector::<T, W>(gain.moment), vector::<T, W>(gain.force));
+                let kept = &mut columns.innovations[place * SIDE * T::COLUMNS..][..C * W::COUNT];
+                let measured = b.one::<W, C>(place, column);
+                for c in 0..C {
+                    let innovation = W::load(&measured[c * W::COUNT..]) - dot(axis, run[c].moment);
+                    run[c].moment = moment.scale_add(innovation, run[c].moment);
+                    run[c].force = force.scale_add(innovation, run[c].force);
+                    innovation.store(&mut kept[c * W::COUNT..]);
+                }
+                if body.parent == GROUND {
+                    break;
+                }
+                for c in 0..C {
+                    run[c].moment = d.cross_add(run[c].force, run[c].moment);
+                }
+                if !body.follows_parent(k)
+                    || all[k - 1].children > 1
+                    || !matches!(all[k - 1].hinge, Hinge::Revolute)
+                {
+                    break;
+                }
+                k -= 1;
+            }
+            z = run;
+            wait::<T, W, C>(all, &all[k], &z, columns);
+            continue;
         }
         if body.floats() {
             let (axes, gains) = (bodies.at(first).axes(), base_gains(&mut gains, first));
@@ -228,16 +267,29 @@ fn inward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
         for z in &mut z {
             z.moment = d.cross_add(z.force, z.moment);
         }
-        if layout.bodies()[body.parent].children > 1 {
-            let kept = &mut columns.branches[columns.branch[body.parent] * size..][..size];
-            let mut sum = load::<T, W, C>(kept);
-            for (sum, z) in sum.iter_mut().zip(z) {
-                let z = wrench(*sum) + z;
-                *sum = numbers(z.moment, z.force);
-            }
-            store::<T, W, C>(sum, kept);
-        }
+        wait::<T, W, C>(all, body, &z, columns);
     }
+}
+
+/// Keeps z for a parent of several bodies.
+#[inline(always)]
+fn wait<T: Scalar, W: Wide<T>, const C: usize>(
+    bodies: &[LayoutBody<T::Constant>],
+    body: &LayoutBody<T::Constant>,
+    z: &[Wrench<W>; C],
+    columns: &mut ColumnSweeps<T>,
+) {
+    if body.parent == GROUND || bodies[body.parent].children < 2 {
+        return;
+    }
+    let size = 6 * SIDE * T::COLUMNS;
+    let kept = &mut columns.branches[columns.branch[body.parent] * size..][..size];
+    let mut sum = load::<T, W, C>(kept);
+    for (sum, z) in sum.iter_mut().zip(z) {
+        let z = wrench(*sum) + *z;
+        *sum = numbers(z.moment, z.force);
+    }
+    store::<T, W, C>(sum, kept);
 }
 
 /// −x of what [`inward`] has left.
@@ -256,17 +308,56 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
     let size = 6 * SIDE * T::COLUMNS;
     let mut gains = gains.view();
     let mut lambda = [Motion::<W>::zero(); C];
-    for (k, body) in layout.bodies().iter().enumerate() {
+    let all = layout.bodies();
+    let mut k = 0;
+    while k < all.len() {
+        let body = &all[k];
         let (first, inner) = (places.first[k], places.first[k] + body.hinge.nv());
         if body.parent == GROUND {
             lambda = [Motion::zero(); C];
-        } else {
-            if !body.follows_parent(k) {
-                let kept = &columns.branches[columns.branch[body.parent] * size..][..size];
-                for (lambda, [a, b, c, d, e, f]) in lambda.iter_mut().zip(load::<T, W, C>(kept)) {
-                    *lambda = Motion::new(Vec3([a, b, c]), Vec3([d, e, f]));
-                }
+        } else if !body.follows_parent(k) {
+            let kept = &columns.branches[columns.branch[body.parent] * size..][..size];
+            for (lambda, [a, b, c, d, e, f]) in lambda.iter_mut().zip(load::<T, W, C>(kept)) {
+                *lambda = Motion::new(Vec3([a, b, c]), Vec3([d, e, f]));
             }
+        }
+        if let Hinge::Revolute = body.hinge {
+            // Along a run of hinges λ stays in registers.
+            let mut run = lambda;
+            loop {
+                let (body, place) = (&all[k], places.first[k]);
+                let here = bodies.lane(Table::<T, N>::start(place));
+                let gain = gains.at(place).wrench::<T>(GAIN);
+                let (moment, force) = (vector::<T, W>(gain.moment), vector::<T, W>(gain.force));
+                let (angular, pivot) = (vector::<T, W>(-here.vector(AXIS)), W::broadcast(inverse[place]));
+                let kept = &columns.innovations[place * SIDE * T::COLUMNS..][..C * W::COUNT];
+                if body.parent != GROUND {
+                    let d = vector::<T, W>(here.vector(OFFSET));
+                    for c in 0..C {
+                        run[c].linear = run[c].angular.cross_add(d, run[c].linear);
+                    }
+                }
+                let out = out.one::<W, C>(place, column);
+                for c in 0..C {
+                    let innovation = W::load(&kept[c * W::COUNT..]);
+                    let seen = moment.dot(run[c].angular) + force.dot(run[c].linear);
+                    let x = innovation.fma(pivot, seen);
+                    run[c].angular = angular.scale_add(x, run[c].angular);
+                    (-x).store(&mut out[c * W::COUNT..]);
+                }
+                let Some(next) = all.get(k + 1) else { break };
+                if body.children > 1 || !next.follows_parent(k + 1) || !matches!(next.hinge, Hinge::Revolute)
+                {
+                    break;
+                }
+                k += 1;
+            }
+            lambda = run;
+            leave::<T, W, C>(k, &all[k], &lambda, columns);
+            k += 1;
+            continue;
+        }
+        if body.parent != GROUND {
             let d = vector::<T, W>(bodies.at(first).vector(OFFSET));
             for lambda in &mut lambda {
                 lambda.linear = lambda.angular.cross_add(d, lambda.linear);
@@ -312,22 +403,27 @@ fn outward<T: Scalar, W: Wide<T>, const N: usize, const C: usize>(
                 }
             });
         }
-        if body.children > 1 {
-            let kept = &mut columns.branches[columns.branch[k] * size..][..size];
-            let mut all = [[W::zero(); 6]; C];
-            for (all, x) in all.iter_mut().zip(lambda) {
-                *all = numbers(x.angular, x.linear);
-            }
-            store::<T, W, C>(all, kept);
-        }
+        leave::<T, W, C>(k, body, &lambda, columns);
+        k += 1;
     }
 }
 
-#[cfg(test)]
-impl<T: Scalar> Innovations<T> {
-    /// By sweeps or by products, whichever takes less time.
-    pub(crate) fn choose(&mut self, layout: &Layout<T::Constant>, places: &Places, sweeps: bool) {
-        self.columns = sweeps.then(|| ColumnSweeps::always(layout, places));
-        self.products = super::Products::new(places, !sweeps, true, self.products.known);
+/// Leaves λ for several children.
+#[inline(always)]
+fn leave<T: Scalar, W: Wide<T>, const C: usize>(
+    k: usize,
+    body: &LayoutBody<T::Constant>,
+    lambda: &[Motion<W>; C],
+    columns: &mut ColumnSweeps<T>,
+) {
+    if body.children < 2 {
+        return;
     }
+    let size = 6 * SIDE * T::COLUMNS;
+    let kept = &mut columns.branches[columns.branch[k] * size..][..size];
+    let mut all = [[W::zero(); 6]; C];
+    for (all, x) in all.iter_mut().zip(lambda) {
+        *all = numbers(x.angular, x.linear);
+    }
+    store::<T, W, C>(all, kept);
 }
