@@ -245,6 +245,12 @@ impl<T: Scalar> Meetings<T> {
         while left < places.count {
             let (mut top, end) = (left, places.outboard_end(left, W::COUNT));
             while top < end {
+                let ends = passages.first(top..top + W::COUNT);
+                if ends[W::COUNT - 1] <= left.max(places.margin) {
+                    // No row has a joint inboard among these columns: its own is not one.
+                    top += W::COUNT;
+                    continue;
+                }
                 let lane = top & (T::COLUMNS - W::COUNT.min(T::COLUMNS));
                 let rows = &turned[panel(places, top, T::COLUMNS)][left * 2 * T::COLUMNS..];
                 let rows = &rows[..W::COUNT * 2 * T::COLUMNS];
@@ -257,7 +263,7 @@ impl<T: Scalar> Meetings<T> {
                 W::transpose(&mut tiles[0]);
                 W::transpose(&mut tiles[1]);
                 // Of every row what lies inboard of its joint.
-                rates.put_tiles((top, left), tiles, passages.first(top..top + W::COUNT));
+                rates.put_tiles((top, left), tiles, ends);
                 top += W::COUNT;
             }
             left += W::COUNT;
