@@ -427,3 +427,12 @@ fn leave<T: Scalar, W: Wide<T>, const C: usize>(
     }
     store::<T, W, C>(all, kept);
 }
+
+#[cfg(test)]
+impl<T: Scalar> Innovations<T> {
+    /// By sweeps or by products, whichever takes less time.
+    pub(crate) fn choose(&mut self, layout: &Layout<T::Constant>, places: &Places, sweeps: bool) {
+        self.columns = sweeps.then(|| ColumnSweeps::always(layout, places));
+        self.products = super::Products::new(places, !sweeps, true, self.products.known);
+    }
+}
