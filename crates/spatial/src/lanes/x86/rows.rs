@@ -145,15 +145,10 @@ unsafe fn write8(x: *const F64x8, out: *mut f64, size: usize, rows: usize) {
             _mm512_extractf64x4_pd::<1>(even[1]),
             _mm512_extractf64x4_pd::<1>(odd[1]),
         ];
-        if rows == 8 {
-            for (row, numbers) in tile.iter().enumerate() {
+        for (row, numbers) in tile.iter().enumerate() {
+            if row < rows {
                 _mm256_storeu_pd(out.add(row * size), *numbers);
             }
-            return;
-        }
-        // Of the last pack of a batch.
-        for (row, numbers) in tile.iter().enumerate().take(rows) {
-            _mm256_storeu_pd(out.add(row * size), *numbers);
         }
     }
 }
@@ -190,14 +185,10 @@ unsafe fn read4(rows: &[*const f64; 4], at: usize, out: *mut F64x4) {
 unsafe fn write4(x: *const F64x4, out: *mut f64, size: usize, rows: usize) {
     unsafe {
         let tile = turned4([(*x).0, (*x.add(1)).0, (*x.add(2)).0, (*x.add(3)).0]);
-        if rows == 4 {
-            for (row, numbers) in tile.iter().enumerate() {
+        for (row, numbers) in tile.iter().enumerate() {
+            if row < rows {
                 _mm256_storeu_pd(out.add(row * size), *numbers);
             }
-            return;
-        }
-        for (row, numbers) in tile.iter().enumerate().take(rows) {
-            _mm256_storeu_pd(out.add(row * size), *numbers);
         }
     }
 }
