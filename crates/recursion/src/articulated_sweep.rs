@@ -145,7 +145,7 @@ pub(crate) fn filter<T: Scalar>(
                 |I, C| {
                     let mut rest = z_at[C];
                     for j in 0..6 {
-                        if j < I {
+                        if (..I).contains(&j) {
                             rest = pivots[j].gain.get(C).fma(epsilon[j], rest);
                         }
                     }

@@ -90,15 +90,15 @@ fn put_rows<T: Scalar, W: Wide<T>>(
     // Row by row: places by multiplication would all be kept for the next tile.
     if first == 0 && cut == 0 {
         each_place!(W, I => {
-            if I > 0 {
+            if (1..).contains(&I) {
                 out = out.get_mut(nv..).unwrap_or_default();
             }
             tile[I].store(&mut out[..W::COUNT]);
         });
         return;
     }
-    each_place!(W, I => if I >= first {
-        if I > first {
+    each_place!(W, I => if (first..).contains(&I) {
+        if (first + 1..).contains(&I) {
             out = out.get_mut(nv..).unwrap_or_default();
         }
         tile[I].store_from(cut, &mut out[..W::COUNT - cut]);
