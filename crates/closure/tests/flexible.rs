@@ -10,7 +10,7 @@ use phipsi_reference::flexible as slow;
 use phipsi_reference::generate_flexible::{Bodies, FlexibleCase, flexible_case, perturbed};
 use phipsi_reference::kinematics::kinematics;
 use phipsi_reference::sensitivity::{STEP, widened};
-use phipsi_spatial::{Dd, Quaternion, Real, Transform, Vec3, Wrench};
+use phipsi_spatial::{Dd, Quaternion, Real, Scalar, Transform, Vec3, Wrench};
 
 /// Mechanisms that are tried.
 const CASES: u64 = 40;

@@ -6,7 +6,7 @@ use phipsi_recursion::{Layout, solve_mass_matrix};
 use phipsi_reference::generate::Case;
 use phipsi_reference::loops::{ClosedCase, closed_case};
 use phipsi_reference::sensitivity::widened;
-use phipsi_spatial::{Dd, Real};
+use phipsi_spatial::{Dd, Real, Scalar};
 
 const CASES: u64 = 200;
 

@@ -6,7 +6,7 @@ use phipsi_model::{Base, Body, Inertia, Joint, JointKind, Model, ModelBuilder, P
 use phipsi_recursion::{Layout, body_pose, body_velocity};
 use phipsi_reference::generate::{Case, Limits, case_within};
 use phipsi_reference::sensitivity::widened;
-use phipsi_spatial::{Dd, Quaternion, Real, Transform, Vec3};
+use phipsi_spatial::{Dd, Quaternion, Real, Scalar, Transform, Vec3};
 
 fn wide(x: f64) -> Dd {
     Dd::from_f64(x)

@@ -6,7 +6,7 @@ use phipsi_model::Random;
 use phipsi_recursion::{Layout, hybrid_dynamics};
 use phipsi_reference::generate::{Case, Limits, case_within};
 use phipsi_reference::sensitivity::widened;
-use phipsi_spatial::{Dd, Real, Vec3};
+use phipsi_spatial::{Dd, Real, Scalar, Vec3};
 use phipsi_topology::Operator;
 
 fn case(seed: u64) -> Case {

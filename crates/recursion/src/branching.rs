@@ -74,7 +74,7 @@ pub(crate) struct Given<X> {
 
 impl<X: Copy> Given<X> {
     /// For a layout; `empty` is what a tip has from outboard.
-    pub(crate) fn new<C>(layout: &Layout<C>, empty: X) -> Self {
+    pub(crate) fn new<C: phipsi_spatial::Scalar>(layout: &Layout<C>, empty: X) -> Self {
         match &layout.branches {
             Some(whole) => Self::of(whole, empty),
             None => Given {

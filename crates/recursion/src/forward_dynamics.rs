@@ -27,11 +27,13 @@ use phipsi_spatial::{ArticulatedInertia, Kernel, Motion, Scalar, SixLanes, Vec3,
 mod carrying;
 mod info;
 mod inward;
+mod limbs;
 mod packed;
 mod run;
 
 use carrying::{Carrying, Lanes, carried};
 pub use info::{ForwardInfo, WorstHinge, forward_info};
+use limbs::{OfLimbs, RunWithLimbs};
 use run::{Call, Filter, Run, Smoother};
 
 /// What the first sweep leaves of a body.
@@ -57,6 +59,8 @@ pub struct ForwardDynamics<T: Scalar> {
     alpha: Vec<Motion<T::Arithmetic>>,
     /// Minus the external wrenches, where there are any.
     loads: Vec<Wrench<T::Arithmetic>>,
+    /// Limbs in lanes, group by group.
+    limbs: Vec<OfLimbs<T>>,
     /// For a layout with flexible bodies.
     flexible: Option<Box<flexible::Forward<T>>>,
 }
@@ -73,6 +77,7 @@ impl<T: Scalar> ForwardDynamics<T> {
             packed: Given::new(layout, Packed::zero::<T::Arithmetic>()),
             alpha: vec![Motion::zero(); n],
             loads: vec![Wrench::zero(); n],
+            limbs: OfLimbs::of_all(layout),
             flexible: layout.flexible().map(|tree| Box::new(flexible::Forward::new(tree))),
         }
     }
@@ -123,6 +128,13 @@ impl<T: Scalar> ForwardDynamics<T> {
         let (q, v, out) = (T::arithmetic(q), T::arithmetic(v), T::arithmetic_mut(out));
         let loaded = wrenches.is_some();
         let Some(branch) = layout.branches::<T>() else {
+            if layout.limbs.is_some() {
+                let work = &mut *self;
+                let in_limbs = RunWithLimbs::<T> { work, layout, q, v, loaded, out: &mut *out };
+                if T::lone(in_limbs).unwrap_or(Ok(false))? {
+                    return Ok(());
+                }
+            }
             return carried!(Lanes::of::<T>(), |X| {
                 T::Arithmetic::dispatch(Whole::<T, X> {
                     work: self,
@@ -335,6 +347,10 @@ impl<T: Scalar> Run<'_, T> {
                 }
             }
             previous = alpha;
+        }
+        // An only child may be a limb in lanes.
+        if !WHOLE && end > numbers.start {
+            alpha_of[end - 1] = previous;
         }
     }
 }

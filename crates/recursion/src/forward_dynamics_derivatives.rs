@@ -215,7 +215,7 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Solve<'_, T> {
 
 /// True if the first body is free: wherever it is moved, with all that it carries, only its own acceleration changes, as
 /// gravity is seen from it.
-fn falls<C: phipsi_spatial::Real>(layout: &Layout<C>) -> bool {
+fn falls<C: phipsi_spatial::Scalar>(layout: &Layout<C>) -> bool {
     layout.bodies().first().is_some_and(|root| matches!(root.hinge, Hinge::Free))
 }
 

@@ -160,10 +160,7 @@ impl<C: Copy> Hinge<C> {
     }
     /// The pose of the child frame in the parent's, from the constant pose of the joint frame and the coordinates.
     #[inline(always)]
-    pub fn transform<T: Scalar<Constant = C>>(&self, placement: &Transform<C>, q: &[T]) -> Transform<T>
-    where
-        T::Constant: phipsi_spatial::Real,
-    {
+    pub fn transform<T: Scalar<Constant = C>>(&self, placement: &Transform<C>, q: &[T]) -> Transform<T> {
         let fixed = Transform::constant(placement);
         match self {
             Hinge::Revolute => turned(&fixed, q[0]),

@@ -22,12 +22,14 @@ use phipsi_spatial::{ArticulatedInertia, Mat3, Real, RigidInertia, Scalar, Trans
 
 mod arrange;
 mod branches;
+mod limbs;
 mod pending;
 mod shifts;
 
 pub use crate::link::Shift;
 use arrange::{Raw, arrange};
 pub(crate) use branches::{Branch, carve};
+pub(crate) use limbs::{LimbPlan, Limbs};
 pub(crate) use pending::Pending;
 pub(crate) use shifts::{Passage, ShiftRun, Shifts, TOGETHER};
 
@@ -63,6 +65,13 @@ impl<C> LayoutBody<C> {
 }
 
 impl<C: Real> LayoutBody<C> {
+    /// Pose of the joint frame in the parent's frame: the body's pose at q = 0.
+    pub fn placement(&self) -> Transform<C> {
+        self.link.placement()
+    }
+}
+
+impl<C: Scalar> LayoutBody<C> {
     /// Pose of the body in its parent at coordinates `q` of the whole model.
     #[inline(always)]
     pub fn pose<T: Scalar<Constant = C>>(&self, q: &[T]) -> Transform<T> {
@@ -104,10 +113,6 @@ impl<C: Real> LayoutBody<C> {
     ) -> ([Vec3<T>; 3], Vec3<T>) {
         let (shift, general) = self.link.at(&self.hinge, &q[self.q..]);
         Passage { body: self, shift: &shift, general: general.as_ref() }.axes_to_child(axes)
-    }
-    /// Pose of the joint frame in the parent's frame: the body's pose at q = 0.
-    pub fn placement(&self) -> Transform<C> {
-        self.link.placement()
     }
     /// True for ball and free joints.
     #[inline(always)]
@@ -166,7 +171,7 @@ pub struct Carrier<C> {
 
 /// A model compiled for the sweeps, with constants in the scalar `C`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Layout<C = f64> {
+pub struct Layout<C: Scalar = f64> {
     pub(crate) bodies: Vec<LayoutBody<C>>,
     pub(crate) carriers: Vec<Carrier<C>>,
     /// Most contributions that wait at once for their branching body, tip to base.
@@ -177,6 +182,8 @@ pub struct Layout<C = f64> {
     pub(crate) rigid: Vec<RigidEntries<C>>,
     /// The tree in branches that threads can share, if it is large.
     pub(crate) branches: Option<Branch>,
+    /// Limbs that are alike, in lanes, if the tree has no branches.
+    pub(crate) limbs: Option<Box<LimbPlan<C>>>,
     /// Branch by branch also on a single thread.
     always_branches: bool,
     pub(crate) gravity: Vec3<C>,
@@ -272,13 +279,14 @@ impl<C: Real> Layout<C> {
         let branches = branches::cut_large(&bodies);
         let of_hinges = || bodies.iter().filter(|b| matches!(b.hinge, Hinge::Revolute)).map(|b| b.q);
         let angles = of_hinges().min().unwrap_or(0)..of_hinges().max().map_or(0, |last| last + 1);
-        Layout {
+        let mut layout = Layout {
             bodies,
             carriers,
             waiting,
             outboard_dofs,
             rigid,
             branches,
+            limbs: None,
             always_branches: false,
             gravity: Vec3::splat(model.gravity()),
             flexible,
@@ -287,6 +295,35 @@ impl<C: Real> Layout<C> {
             angles,
             joint_of_velocity,
             refused,
+        };
+        // Branches are met by many threads or by one, for the same bits.
+        if layout.branches.is_none() {
+            layout.limbs = LimbPlan::new(&layout);
+        }
+        layout
+    }
+}
+
+impl<C: Scalar> Layout<C> {
+    /// Bodies in lanes, for the sweeps of dynamics. Each has one degree of freedom.
+    fn of_limbs(bodies: Vec<LayoutBody<C>>, waiting: usize) -> Self {
+        let n = bodies.len();
+        Layout {
+            bodies,
+            carriers: Vec::new(),
+            waiting,
+            outboard_dofs: Vec::new(),
+            rigid: Vec::new(),
+            branches: None,
+            limbs: None,
+            always_branches: false,
+            gravity: Vec3::zero(),
+            flexible: None,
+            nq: n,
+            nv: n,
+            angles: 0..n,
+            joint_of_velocity: vec![(String::new(), 0); n],
+            refused: None,
         }
     }
     /// Number of moving bodies; zero if bodies are flexible, whose tree is kept apart.
@@ -333,10 +370,12 @@ impl<C: Real> Layout<C> {
         self.flexible = self.flexible.map(|tree| Box::new(tree.inertial()));
         self
     }
-    /// The same layout cut into branches of at least `least` bodies, whatever its size. For tests: results do not change.
+    /// The same layout cut into branches of at least `least` bodies, whatever its size, and without limbs in lanes. For tests: results are
+    /// the same for all sizes.
     #[doc(hidden)]
     pub fn with_branches(mut self, least: usize) -> Self {
         (self.branches, self.always_branches) = (branches::cut(&self.bodies, least), true);
+        self.limbs = None;
         self
     }
     /// The branches, if sweeps on scalars `T` are to go through them: for one state, where there are threads.
@@ -344,6 +383,11 @@ impl<C: Real> Layout<C> {
         // States in lanes are many: they have threads of their own.
         let worth = || T::LANES == 1 && (self.always_branches || crate::branching::several_threads());
         self.branches.as_ref().filter(|_| worth())
+    }
+    /// Number of limbs that are swept in lanes.
+    #[doc(hidden)]
+    pub fn limb_count(&self) -> usize {
+        self.limbs.as_ref().map_or(0, |plan| plan.groups.iter().map(|limbs| limbs.count).sum())
     }
     /// Number of runs of bodies that may run on threads of their own.
     #[doc(hidden)]

@@ -15,6 +15,7 @@ use phipsi_spatial::{
     Axis, Mat3, Motion, Quaternion, Real, RigidInertia, Scalar, Transform, Turn, Vec3, Wrench,
 };
 
+mod abreast;
 mod articulated;
 mod compliance;
 mod quarter;
@@ -183,17 +184,20 @@ impl<C: Real> Link<C> {
     pub(crate) fn with_body_turned(self, turn: Turn<C>) -> Self {
         Link { last: self.last.then(turn), ..self }
     }
-    /// The same link, without first turn, of a known shape.
-    #[cfg(not(debug_assertions))]
-    #[inline(always)]
-    pub(crate) fn known(&self, shape: Twist) -> Self {
-        Link { shape, has_first: false, ..*self }
-    }
     /// Pose of the joint frame in the parent's frame at q = 0.
     pub fn placement(&self) -> Transform<C> {
         let columns = [0, 1, 2].map(|i| self.vector_up(self.last, Vec3::unit(i)));
         let all = columns.map(|c| self.first_up(c));
         Transform::new(Mat3::from_columns(all[0], all[1], all[2]), self.first_up(self.offset))
+    }
+}
+
+impl<C: Scalar> Link<C> {
+    /// The same link, without first turn, of a known shape.
+    #[cfg(not(debug_assertions))]
+    #[inline(always)]
+    pub(crate) fn known(&self, shape: Twist) -> Self {
+        Link { shape, has_first: false, ..*self }
     }
     /// X(α).
     #[inline(always)]

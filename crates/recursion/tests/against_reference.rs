@@ -1,12 +1,16 @@
 //! Every kernel against its dense twin on a thousand generated trees, each number within n·ε·κ.
 
-use crate::common::{agree, by_vectors, gram, growth, rounding, scaled_condition, wide, wide_wrenches};
+use crate::common::{
+    SAMPLES, TREES, agree, agree_in, by_vectors, gram, growth, rounding, scaled_condition, seeds, wide,
+    wide_wrenches,
+};
 use phipsi_recursion as fast;
 use phipsi_recursion::{About, ArticulatedSweep, Kinematics};
 use phipsi_reference as slow;
 use phipsi_reference::bodies::world_inertias;
-use phipsi_reference::generate::Case;
+use phipsi_reference::generate::{Case, case_with_limbs};
 use phipsi_reference::sensitivity::widened;
+use phipsi_spatial::lanes::Level;
 use phipsi_spatial::{Dd, Scalar, Transform, Vec3};
 
 /// κ alone.
@@ -176,6 +180,30 @@ fn forward_dynamics() {
         },
         filtered,
     );
+}
+
+/// Trees with limbs that are alike, which are swept in lanes where the processor has some. Other widths of lanes go number by number.
+#[test]
+fn forward_dynamics_with_limbs() {
+    let in_lanes = std::cell::Cell::new(0);
+    agree_in(
+        case_with_limbs,
+        TREES / 2,
+        SAMPLES,
+        "forward_dynamics_with_limbs",
+        |layout, case| {
+            in_lanes.set(in_lanes.get() + usize::from(layout.limb_count() > 0));
+            fast::forward_dynamics(layout, &case.q, &case.v, &case.tau, Some(&case.wrenches))
+        },
+        |case| {
+            let (q, v, tau) = (widened(&case.q), widened(&case.v), widened(&case.tau));
+            slow::forward_dynamics(&case.model, &q, &v, &tau, Some(&wide_wrenches(case)))
+                .expect("generated trees are regular")
+        },
+        |case, _, size| filtered(case, size),
+    );
+    let expected = if Level::best() >= Level::Avx2 { seeds(TREES / 2).len() } else { 0 };
+    assert_eq!(in_lanes.get(), expected, "models with limbs in lanes");
 }
 
 #[test]

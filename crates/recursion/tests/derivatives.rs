@@ -12,7 +12,7 @@ use phipsi_reference::Dual;
 use phipsi_reference::generate::{Case, Limits, case, case_within};
 use phipsi_reference::inverse_dynamics_derivatives::{Derivatives, fixed_wrenches, seeded, tangent};
 use phipsi_reference::sensitivity::{sensitivity, widened};
-use phipsi_spatial::{Dd, Motion, Real, Vec3, Wrench};
+use phipsi_spatial::{Dd, Motion, Real, Scalar, Vec3, Wrench};
 
 /// Trees whose derivatives are compared: each costs 2 nv dual evaluations of the reference for every perturbation.
 const TREES: u64 = 500;

@@ -11,7 +11,7 @@ use phipsi_reference as slow;
 use phipsi_reference::extreme::{Chain, beyond, scenes};
 use phipsi_reference::generate::{Case, Limits, case, case_within, rebuilt, starved};
 use phipsi_reference::sensitivity::{sensitivity, widened};
-use phipsi_spatial::{Dd, Real, Wrench};
+use phipsi_spatial::{Dd, Scalar, Wrench};
 
 /// κ alone: no mass ratio multiplies it. Twice, since six perturbations find half of what forty do (seed 779).
 fn kappa(_: &Case, size: &mut [f64]) {

@@ -7,7 +7,7 @@ use phipsi_recursion::{
 };
 use phipsi_reference::generate::{Case, Limits, case, case_within};
 use phipsi_reference::sensitivity::{sensitivity, widened};
-use phipsi_spatial::{Dd, Real};
+use phipsi_spatial::{Dd, Real, Scalar};
 
 /// Accelerations, then forces.
 fn fast(case: &Case, active: &[bool]) -> Vec<f64> {

@@ -21,7 +21,7 @@ use page::Measured;
 use phipsi_model::Random;
 use phipsi_reference::generate::Case;
 use phipsi_reference::sensitivity::{STEP, perturbed};
-use phipsi_spatial::{Dd, Real};
+use phipsi_spatial::{Dd, Real, Scalar};
 use row::{Domain, Equations, Form, Row};
 use scene::{LONG, PLANS, SHORT, Scene, Shape};
 

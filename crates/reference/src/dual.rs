@@ -102,7 +102,9 @@ impl<T: Real> PartialOrd for Dual<T> {
 
 impl<T: Real> Scalar for Dual<T> {
     type Constant = Self;
+    type Abreast = Self;
     const LANES: usize = 1;
+    const EPSILON: f64 = T::EPSILON;
     phipsi_spatial::arithmetic_is_self!();
     fn splat(x: f64) -> Self {
         Dual::fixed(T::splat(x))
@@ -131,10 +133,12 @@ impl<T: Real> Scalar for Dual<T> {
     fn min_lane(self) -> f64 {
         self.value.min_lane()
     }
+    fn first_lane(self) -> Self {
+        self
+    }
 }
 
 impl<T: Real> Real for Dual<T> {
-    const EPSILON: f64 = T::EPSILON;
     fn to_f64(self) -> f64 {
         self.value.to_f64()
     }

@@ -58,7 +58,12 @@ pub fn case(seed: u64) -> Case {
 pub fn case_within(seed: u64, limits: Limits) -> Case {
     let mut random = Random::new(seed);
     let model = model(&mut random, limits);
-    let q = configuration(&mut random, &model);
+    case_of(&mut random, model)
+}
+
+/// A state of a model, and the rest.
+fn case_of(random: &mut Random, model: Model) -> Case {
+    let q = configuration(random, &model);
     let mut numbers = |n: usize| {
         let scale = 10f64.powi(random.below(4) as i32 - 2);
         (0..n).map(|_| scale * random.signed()).collect::<Vec<f64>>()
@@ -70,6 +75,46 @@ pub fn case_within(seed: u64, limits: Limits) -> Case {
     let (body, point) = (random.below(model.len()), Vec3(random.vector()));
     let rounding = vec![Wrench::zero(); model.len()];
     Case { model, q, v, a, tau, wrenches, rounding, body, point }
+}
+
+/// A case whose model has three to six limbs of one shape: hinges, perhaps sliders, each limb with its own axes, placements and masses; on one
+/// body or on several.
+pub fn case_with_limbs(seed: u64) -> Case {
+    let mut random = Random::new(seed ^ 0x6c69_6d62_73);
+    let decades = [0.0, 0.5, 1.0][random.below(3)];
+    let limits = Limits { degrees_of_freedom: 1 + random.below(8), decades };
+    let trunk = model(&mut random, limits);
+    let model = with_limbs(&mut random, &trunk, limits);
+    case_of(&mut random, model)
+}
+
+/// The model with limbs that are alike.
+fn with_limbs(random: &mut Random, trunk: &Model, limits: Limits) -> Model {
+    let size = 2 + random.below(4);
+    let parents: Vec<usize> =
+        (1..size).map(|k| if random.uniform() < 0.7 { k - 1 } else { random.below(k) }).collect();
+    let slides: Vec<bool> = (0..size).map(|_| random.uniform() < 0.15).collect();
+    let (count, together) = (3 + random.below(4), random.uniform() < 0.6);
+    let place = |random: &mut Random| match random.below(trunk.len() + 1) {
+        k if k < trunk.len() => trunk.bodies()[k].name.clone(),
+        _ => "world".into(),
+    };
+    let (mut builder, mut on) = (builder_of(trunk), place(random));
+    for limb in 0..count {
+        if !together {
+            on = place(random);
+        }
+        for k in 0..size {
+            let name = |k: usize| format!("limb{limb}_{k}");
+            let axis = axis(random);
+            let kind = if slides[k] { JointKind::Prismatic { axis } } else { JointKind::Revolute { axis } };
+            let joint = Joint::new(format!("on_{}", name(k)), kind).at(placement(random, limits));
+            let parent = if k == 0 { on.clone() } else { name(parents[k - 1]) };
+            builder = builder.body(Body::new(name(k).as_str(), inertia(random, limits)));
+            builder = builder.joint(joint, parent, name(k));
+        }
+    }
+    builder.build().expect("limbs on a valid model")
 }
 
 /// A body before it has its mass.
@@ -240,14 +285,31 @@ pub fn configuration(random: &mut Random, model: &Model) -> Vec<f64> {
     q
 }
 
+/// The same model, to be built upon.
+fn builder_of(model: &Model) -> ModelBuilder {
+    let builder = ModelBuilder::new(model.name());
+    redone(builder, model, |_, body| body.inertia, |_, joint| (joint.kind, joint.placement), model.gravity())
+}
+
 /// The model with other bodies and joints; names, tree and gravity stay.
 pub fn rebuilt(
+    model: &Model,
+    body: impl FnMut(usize, &Body) -> Inertia,
+    joint: impl FnMut(usize, &Joint) -> (JointKind, Placement),
+    gravity: [f64; 3],
+) -> Model {
+    let builder = redone(ModelBuilder::new(model.name()), model, body, joint, gravity);
+    builder.build().expect("another valid model")
+}
+
+fn redone(
+    builder: ModelBuilder,
     model: &Model,
     mut body: impl FnMut(usize, &Body) -> Inertia,
     mut joint: impl FnMut(usize, &Joint) -> (JointKind, Placement),
     gravity: [f64; 3],
-) -> Model {
-    let mut builder = ModelBuilder::new(model.name()).gravity(gravity);
+) -> ModelBuilder {
+    let mut builder = builder.gravity(gravity);
     for (k, (old, hinge)) in model.bodies().iter().zip(model.joints()).enumerate() {
         let parent = model.tree().parent(k).map_or("world".into(), |p| model.bodies()[p].name.clone());
         let (kind, placement) = joint(k, hinge);
@@ -257,7 +319,7 @@ pub fn rebuilt(
             old.name.as_str(),
         );
     }
-    builder.build().expect("another valid model")
+    builder
 }
 
 /// The model with some bodies without mass and some that are points.

@@ -146,7 +146,9 @@ impl PartialOrd for Dd {
 
 impl Scalar for Dd {
     type Constant = Dd;
+    type Abreast = Dd;
     const LANES: usize = 1;
+    const EPSILON: f64 = 4.93e-32;
     crate::arithmetic_is_self!();
     fn splat(x: f64) -> Self {
         Dd::from_f64(x)
@@ -185,10 +187,12 @@ impl Scalar for Dd {
     fn min_lane(self) -> f64 {
         self.hi
     }
+    fn first_lane(self) -> Dd {
+        self
+    }
 }
 
 impl Real for Dd {
-    const EPSILON: f64 = 4.93e-32;
     fn to_f64(self) -> f64 {
         self.hi
     }

@@ -216,7 +216,9 @@ assigning_operators!(Fused);
 
 impl Scalar for Fused {
     type Constant = f64;
+    type Abreast = Four;
     const LANES: usize = 1;
+    const EPSILON: f64 = f64::EPSILON;
     #[cfg(target_arch = "x86_64")]
     crate::arithmetic_is_self!(x86::F64x8, x86::Halves);
     #[cfg(not(target_arch = "x86_64"))]
@@ -255,6 +257,10 @@ impl Scalar for Fused {
         self.0 > 0.0 && self.0 <= f64::MAX
     }
     fn min_lane(self) -> f64 {
+        self.0
+    }
+    #[inline(always)]
+    fn first_lane(self) -> f64 {
         self.0
     }
     #[inline(always)]
@@ -419,6 +425,13 @@ pub(crate) fn fused_mut(x: &mut [f64]) -> &mut [Fused] {
     // SAFETY: Fused is a transparent f64.
     unsafe { core::slice::from_raw_parts_mut(x.as_mut_ptr().cast(), x.len()) }
 }
+
+/// Numbers of four bodies of one state.
+#[cfg(target_arch = "x86_64")]
+pub use x86::Four;
+/// Numbers of bodies of one state: one, where there are no registers for more.
+#[cfg(not(target_arch = "x86_64"))]
+pub type Four = f64;
 
 #[cfg(target_arch = "x86_64")]
 mod x86;

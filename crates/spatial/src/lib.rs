@@ -10,6 +10,7 @@
 // Kernels carry the papers' symbols: P, J, C.
 #![allow(non_snake_case)]
 
+pub mod abreast;
 pub mod double_double;
 pub mod inertia;
 pub mod lanes;
@@ -24,6 +25,7 @@ pub mod turn;
 pub mod vector;
 pub mod wide;
 
+pub use abreast::Abreast;
 pub use double_double::Dd;
 pub use inertia::{ArticulatedInertia, RigidInertia};
 pub use ordered::Ordered;

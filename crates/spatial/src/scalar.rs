@@ -4,6 +4,7 @@
 //! model broadcast from [`Scalar::Constant`]. Lanes of a SIMD register and dual numbers can be scalars; they have
 //! no order. [`Real`] adds what code with branches needs: comparison and inverse trigonometry.
 
+use crate::abreast::Abreast;
 use crate::lanes::{Fused, fused, fused_mut};
 use crate::six_lanes::SixLanes;
 use crate::wide::{WideKernel, With};
@@ -32,16 +33,20 @@ pub trait Scalar:
     + DivAssign
 {
     /// The number type in which constants of the model (masses, lengths) are kept for this scalar.
-    type Constant: Real;
+    type Constant: Scalar<Constant = Self::Constant, Abreast = Self::Abreast>;
     /// What kernels on this scalar compute with: for f64 the same numbers with fused multiplications
     /// ([`crate::lanes::Fused`]), for all others the type itself ([`crate::arithmetic_is_self`]).
-    type Arithmetic: Scalar<Constant = Self::Constant, Arithmetic = Self::Arithmetic>;
+    type Arithmetic: Scalar<Constant = Self::Constant, Arithmetic = Self::Arithmetic, Abreast = Self::Abreast>;
     /// Six-vectors of this scalar in lanes of their own.
     type Six: SixLanes<Self>;
     /// The same, for processors where single numbers take longer beside the former.
     type Halves: SixLanes<Self>;
+    /// Numbers of several bodies that are alike, in lanes, and their constants too.
+    type Abreast: Abreast<Self::Constant>;
     /// States carried at once: 1 for plain numbers.
     const LANES: usize;
+    /// Unit roundoff times two: the distance from 1 to the next number.
+    const EPSILON: f64;
     /// The number, to compute with.
     fn to_arithmetic(self) -> Self::Arithmetic;
     /// The number that was computed.
@@ -54,6 +59,11 @@ pub trait Scalar:
     #[inline(always)]
     fn dispatch<K: Kernel>(kernel: K) -> K::Output {
         kernel.run()
+    }
+    /// Runs what only one state by itself can do, on numbers that come with lanes for parts of it; compiled for those alone.
+    #[inline(always)]
+    fn lone<K: Kernel>(_: K) -> Option<K::Output> {
+        None
     }
     /// Runs a kernel with the widest register for numbers of this type that lie side by side.
     #[inline(always)]
@@ -93,6 +103,8 @@ pub trait Scalar:
     fn is_positive(self) -> bool;
     /// The smallest lane, rounded to f64: what an error message prints.
     fn min_lane(self) -> f64;
+    /// The number in the first lane.
+    fn first_lane(self) -> Self::Constant;
 }
 
 /// A calculation to be compiled for the instructions of its scalar. `run` and everything that it calls down to the scalar's
@@ -136,8 +148,6 @@ macro_rules! arithmetic_is_self {
 
 /// An ordered real scalar.
 pub trait Real: Scalar<Constant = Self> + PartialOrd {
-    /// Unit roundoff times two: the distance from 1 to the next number.
-    const EPSILON: f64;
     /// Nearest f64.
     fn to_f64(self) -> f64;
     /// |x|.
@@ -161,6 +171,7 @@ macro_rules! float_scalar {
         impl Scalar for $t {
             type Constant = $t;
             const LANES: usize = 1;
+            const EPSILON: f64 = <$t>::EPSILON as f64;
             $($arithmetic)*
             #[inline(always)]
             fn splat(x: f64) -> Self {
@@ -194,9 +205,12 @@ macro_rules! float_scalar {
             fn min_lane(self) -> f64 {
                 self as f64
             }
+            #[inline(always)]
+            fn first_lane(self) -> Self {
+                self
+            }
         }
         impl Real for $t {
-            const EPSILON: f64 = <$t>::EPSILON as f64;
             fn to_f64(self) -> f64 {
                 self as f64
             }
@@ -206,9 +220,10 @@ macro_rules! float_scalar {
         }
     };
 }
-float_scalar! { f32, crate::arithmetic_is_self!(); }
+float_scalar! { f32, type Abreast = Self; crate::arithmetic_is_self!(); }
 float_scalar! {
     f64,
+    type Abreast = crate::lanes::Four;
     type Arithmetic = Fused;
     type Six = crate::six_lanes::Eight<f64>;
     type Halves = crate::six_lanes::Eight<f64>;
@@ -227,5 +242,9 @@ float_scalar! {
     #[inline(always)]
     fn arithmetic_mut(x: &mut [f64]) -> &mut [Fused] {
         fused_mut(x)
+    }
+    #[inline(always)]
+    fn lone<K: Kernel>(kernel: K) -> Option<K::Output> {
+        Some(kernel.run())
     }
 }

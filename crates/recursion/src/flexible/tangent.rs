@@ -85,7 +85,9 @@ impl<T: Scalar> One for Tangent<T> {
 
 impl<T: Scalar> Scalar for Tangent<T> {
     type Constant = T::Constant;
+    type Abreast = T::Abreast;
     const LANES: usize = T::LANES;
+    const EPSILON: f64 = T::EPSILON;
     phipsi_spatial::arithmetic_is_self!();
     fn splat(x: f64) -> Self {
         Tangent::fixed(T::splat(x))
@@ -113,6 +115,9 @@ impl<T: Scalar> Scalar for Tangent<T> {
     }
     fn min_lane(self) -> f64 {
         self.value.min_lane()
+    }
+    fn first_lane(self) -> T::Constant {
+        self.value.first_lane()
     }
 }
 

@@ -12,7 +12,7 @@ use crate::hinge::Hinge;
 use crate::layout::{Carrier, GROUND, hinge_of, turn};
 use phipsi_model::joint::rotation_from_z;
 use phipsi_model::{FlexibleBody, JointKind, Model};
-use phipsi_spatial::{Mat3, Real, RigidInertia, Sym3, Transform, Vec3};
+use phipsi_spatial::{Mat3, Real, RigidInertia, Scalar, Sym3, Transform, Vec3};
 
 /// A body with its inboard joint.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,7 +35,7 @@ pub(crate) struct TreeBody<C> {
     pub(crate) modal: Option<usize>,
 }
 
-impl<C: Real> TreeBody<C> {
+impl<C> TreeBody<C> {
     /// Number of degrees of freedom of its joint.
     pub(crate) fn dofs(&self) -> usize {
         self.hinge.as_ref().map_or(0, Hinge::nv)
@@ -164,6 +164,9 @@ impl<C: Real> FlexibleTree<C> {
         let series = series();
         Some((FlexibleTree { bodies, modal, modes, name: name.unwrap_or_default(), series }, carriers))
     }
+}
+
+impl<C: Scalar> FlexibleTree<C> {
     /// The same tree without stiffness and damping.
     pub(crate) fn inertial(mut self) -> Self {
         for body in &mut self.modal {
@@ -257,6 +260,6 @@ fn series<C: Real>() -> Vec<[C; 2]> {
 }
 
 /// The entries of a symmetric matrix.
-pub(crate) fn symmetric<C: phipsi_spatial::Scalar>(m: &Mat3<C>) -> Sym3<C> {
+pub(crate) fn symmetric<C: Scalar>(m: &Mat3<C>) -> Sym3<C> {
     Sym3::from_upper(m)
 }

@@ -1,10 +1,11 @@
 //! How the filter carries P and z inward: as numbers, or as six-vectors in lanes.
 
-use super::Run;
+use super::{Moved, Run};
 use crate::error::DynamicsError;
-use crate::packed::is_lone;
+use crate::layout::GROUND;
+use crate::packed::{Packed, is_lone};
 use core::ops::Range;
-use phipsi_spatial::{Scalar, SixLanes};
+use phipsi_spatial::{RigidInertia, Scalar, SixLanes};
 
 /// Six-vectors of what kernels on `T` compute with, in the lanes of one register.
 type Six<T> = <<T as Scalar>::Arithmetic as Scalar>::Six;
@@ -36,6 +37,10 @@ pub(super) trait Carrying<T: Scalar> {
     /// True if six-vectors are in lanes.
     const PACKED: bool;
     fn inboard<const WHOLE: bool>(run: &mut Run<'_, T>, numbers: Range<usize>) -> Result<(), DynamicsError>;
+    /// Before the trunk of limbs in lanes is met: nothing is in hand.
+    fn begin(run: &mut Run<'_, T>);
+    /// Takes what a limb whose first body is `root` gives to its parent.
+    fn take(run: &mut Run<'_, T>, root: usize, moved: &Moved<T::Arithmetic>);
 }
 
 pub(super) struct InNumbers;
@@ -48,6 +53,19 @@ impl<T: Scalar> Carrying<T> for InNumbers {
     fn inboard<const WHOLE: bool>(run: &mut Run<'_, T>, numbers: Range<usize>) -> Result<(), DynamicsError> {
         run.sweep_inboard::<WHOLE>(numbers)
     }
+    #[inline(always)]
+    fn begin(_: &mut Run<'_, T>) {}
+    #[inline(always)]
+    fn take(run: &mut Run<'_, T>, root: usize, (P, z): &Moved<T::Arithmetic>) {
+        let body = &run.call.layout.bodies[root];
+        if body.follows_parent(root) {
+            // What goes to the next body gets its own inertia, too.
+            let own = &run.call.layout.bodies[body.parent].inertia;
+            run.given.hand = (P.plus_rigid(&RigidInertia::constant(own)), *z);
+        } else if body.parent != GROUND {
+            run.given.pending.put(&(*P, *z));
+        }
+    }
 }
 
 impl<T: Scalar> Carrying<T> for InSix {
@@ -56,6 +74,14 @@ impl<T: Scalar> Carrying<T> for InSix {
     fn inboard<const WHOLE: bool>(run: &mut Run<'_, T>, numbers: Range<usize>) -> Result<(), DynamicsError> {
         run.sweep_inboard_packed::<WHOLE, Six<T>>(numbers)
     }
+    #[inline(always)]
+    fn begin(run: &mut Run<'_, T>) {
+        run.packed.hand = Packed::<Six<T>>::zero().to();
+    }
+    #[inline(always)]
+    fn take(run: &mut Run<'_, T>, root: usize, moved: &Moved<T::Arithmetic>) {
+        take_packed(run, root, moved);
+    }
 }
 
 impl<T: Scalar> Carrying<T> for InHalves {
@@ -63,6 +89,24 @@ impl<T: Scalar> Carrying<T> for InHalves {
     #[inline(always)]
     fn inboard<const WHOLE: bool>(run: &mut Run<'_, T>, numbers: Range<usize>) -> Result<(), DynamicsError> {
         run.sweep_inboard_packed::<WHOLE, Halves<T>>(numbers)
+    }
+    #[inline(always)]
+    fn begin(run: &mut Run<'_, T>) {
+        run.packed.hand = Packed::<Halves<T>>::zero().to();
+    }
+    #[inline(always)]
+    fn take(run: &mut Run<'_, T>, root: usize, moved: &Moved<T::Arithmetic>) {
+        take_packed(run, root, moved);
+    }
+}
+
+#[inline(always)]
+fn take_packed<T: Scalar>(run: &mut Run<'_, T>, root: usize, (P, z): &Moved<T::Arithmetic>) {
+    let body = &run.call.layout.bodies[root];
+    if body.follows_parent(root) {
+        run.packed.hand = Packed::pack(P, z);
+    } else if body.parent != GROUND {
+        run.packed.pending.put(&Packed::pack(P, z));
     }
 }
 

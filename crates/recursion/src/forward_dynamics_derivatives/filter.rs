@@ -14,7 +14,7 @@ use crate::layout::{GROUND, Layout, LayoutBody, Pending};
 use crate::packed::Packed;
 use crate::places::{Places, View};
 use phipsi_spatial::wide::Wide;
-use phipsi_spatial::{ArticulatedInertia, Motion, Real, Scalar, SixLanes, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Motion, Scalar, SixLanes, Wrench};
 
 mod packed;
 
@@ -44,7 +44,7 @@ struct Waiting<X> {
 }
 
 impl<X: Copy> Waiting<X> {
-    fn new<C>(layout: &Layout<C>, zero: X) -> Self {
+    fn new<C: Scalar>(layout: &Layout<C>, zero: X) -> Self {
         Waiting { pending: Pending::new(layout, zero), hand: zero }
     }
 }

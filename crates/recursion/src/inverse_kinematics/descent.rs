@@ -8,7 +8,7 @@ use crate::kinematics::body_pose;
 use crate::layout::Layout;
 use crate::singular_values::dot;
 use phipsi_model::Model;
-use phipsi_spatial::{Quaternion, Real, Transform, Vec3};
+use phipsi_spatial::{Quaternion, Real, Scalar, Transform, Vec3};
 
 /// The least damping and shift.
 const FLOOR: f64 = 1e-12;
@@ -25,7 +25,7 @@ pub(super) struct Residual<T> {
 }
 
 /// What does not change during a call.
-pub(super) struct Goal<'a, T> {
+pub(super) struct Goal<'a, T: Scalar> {
     pub(super) model: &'a Model,
     pub(super) layout: &'a Layout<T>,
     pub(super) body: usize,

@@ -7,7 +7,7 @@
 
 use super::{GROUND, LayoutBody};
 use core::ops::Range;
-use phipsi_spatial::Real;
+use phipsi_spatial::Scalar;
 
 /// Smallest tree that is cut: another thread takes some time to begin.
 const LARGE: usize = 8192;
@@ -39,12 +39,12 @@ pub(crate) struct Branch {
 }
 
 /// A large tree as a branch with branches; nothing if it is small or has none.
-pub(super) fn cut_large<C: Real>(bodies: &[LayoutBody<C>]) -> Option<Branch> {
+pub(super) fn cut_large<C: Scalar>(bodies: &[LayoutBody<C>]) -> Option<Branch> {
     if bodies.len() < LARGE { None } else { cut(bodies, least(bodies.len())) }
 }
 
 /// The whole tree as a branch, cut into branches of `least` bodies or more; nothing if there are no two to cut.
-pub(super) fn cut<C: Real>(bodies: &[LayoutBody<C>], least: usize) -> Option<Branch> {
+pub(super) fn cut<C: Scalar>(bodies: &[LayoutBody<C>], least: usize) -> Option<Branch> {
     let mut size = vec![1; bodies.len()];
     for (k, body) in bodies.iter().enumerate().rev() {
         if body.parent != GROUND {
@@ -63,7 +63,7 @@ struct Tree<'a, C> {
     least: usize,
 }
 
-impl<C: Real> Tree<'_, C> {
+impl<C: Scalar> Tree<'_, C> {
     /// A run of subtrees of one parent; nothing if its numbers are no run.
     fn branch(&self, bodies: Range<usize>) -> Option<Branch> {
         let run = &self.bodies[bodies.clone()];

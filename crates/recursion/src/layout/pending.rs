@@ -1,6 +1,7 @@
 //! What children give to bodies that an inward sweep meets later.
 
 use super::{GROUND, Layout, LayoutBody};
+use phipsi_spatial::Scalar;
 
 /// Contributions of children to bodies that come later in an inward sweep: the first child's in hand, the others' on a stack.
 #[derive(Clone, Debug)]
@@ -10,7 +11,7 @@ pub(crate) struct Pending<X> {
 }
 
 impl<X: Copy> Pending<X> {
-    pub(crate) fn new<C>(layout: &Layout<C>, empty: X) -> Self {
+    pub(crate) fn new<C: Scalar>(layout: &Layout<C>, empty: X) -> Self {
         Self::of_at_most(layout.waiting, empty)
     }
     /// For at most `count` contributions that wait at once.
@@ -28,13 +29,7 @@ impl<X: Copy> Pending<X> {
     }
     /// What body `k`, just done, gives to its parent: kept in hand if the parent is next.
     #[inline(always)]
-    pub(crate) fn give<C: phipsi_spatial::Real>(
-        &mut self,
-        k: usize,
-        body: &LayoutBody<C>,
-        hand: &mut X,
-        x: X,
-    ) {
+    pub(crate) fn give<C: Scalar>(&mut self, k: usize, body: &LayoutBody<C>, hand: &mut X, x: X) {
         if body.follows_parent(k) {
             *hand = x;
         } else if body.parent != GROUND {

@@ -98,7 +98,7 @@ impl<T: Scalar> ShiftRun<'_, T> {
     /// Takes the sines of some bodies' first coordinates, whose shifts are set next.
     #[inline(always)]
     pub(crate) fn begin(&mut self, bodies: &[LayoutBody<T::Constant>], q: &[T]) {
-        if !sines_together::<T>() {
+        if !sines_together::<T>() || !bodies.iter().any(|b| matches!(b.hinge, Hinge::Revolute)) {
             return;
         }
         let count = bodies.len();

@@ -3,9 +3,9 @@
 use super::quarter::{back_quarter, back_quarter_symmetric, quarter, quarter_symmetric};
 use super::{Link, Shift, Twist};
 use phipsi_spatial::turn::{shift_coupling, shift_inertia};
-use phipsi_spatial::{ArticulatedInertia, Axis, Mat3, Real, Scalar, Sym3, Turn, Vec3, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Axis, Mat3, Scalar, Sym3, Turn, Vec3, Wrench};
 
-impl<C: Real> Link<C> {
+impl<C: Scalar> Link<C> {
     /// φ(p, k) P φ*(p, k).
     #[inline(always)]
     pub(crate) fn articulated_to_parent<T: Scalar<Constant = C>>(

@@ -2,14 +2,14 @@
 
 use super::quarter::{back_quarter, quarter};
 use super::{Link, Shift, Twist};
-use phipsi_spatial::{ArticulatedInertia, Axis, Real, Scalar, Turn, Vec3};
+use phipsi_spatial::{ArticulatedInertia, Axis, Scalar, Turn, Vec3};
 
 #[inline(always)]
 fn back<T: Scalar>(turn: Turn<T>) -> Turn<T> {
     Turn { cos: turn.cos, sin: -turn.sin }
 }
 
-impl<C: Real> Link<C> {
+impl<C: Scalar> Link<C> {
     /// φ*(p, k) Y φ(p, k), where Y has its halves exchanged: motions are to it what wrenches are to an inertia, so that it
     /// goes outward as an inertia goes inward.
     #[inline(always)]

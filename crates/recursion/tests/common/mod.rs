@@ -51,9 +51,22 @@ pub fn agree_on(
     slow: impl Fn(&Case) -> Vec<Dd>,
     sizes: impl Fn(&Case, usize, &mut [f64]),
 ) {
+    agree_in(case, trees, samples, what, fast, slow, sizes);
+}
+
+/// [`agree_on`] other cases.
+pub fn agree_in(
+    cases: impl Fn(u64) -> Case,
+    trees: u64,
+    samples: usize,
+    what: &str,
+    fast: impl Fn(&Layout<f64>, &Case) -> Result<Vec<f64>, DynamicsError>,
+    slow: impl Fn(&Case) -> Vec<Dd>,
+    sizes: impl Fn(&Case, usize, &mut [f64]),
+) {
     let (mut worst, mut at) = (0.0f64, 0);
     for seed in seeds(trees) {
-        let case = case(seed);
+        let case = cases(seed);
         let got = fast(&Layout::new(&case.model), &case)
             .unwrap_or_else(|e| panic!("{what}, PHIPSI_SEED={seed}: {e}"));
         let measured = |samples: usize| {

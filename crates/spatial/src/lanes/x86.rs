@@ -4,11 +4,13 @@ use super::*;
 use crate::wide::WIDEST;
 use core::arch::x86_64::*;
 
+mod four;
 mod halves;
 mod ordered;
 mod rows;
 mod six;
 
+pub use four::Four;
 pub use halves::Halves;
 use rows::{pack4, pack8, unpack4, unpack8};
 
@@ -106,7 +108,9 @@ macro_rules! lanes {
         }
         impl Scalar for $t {
             type Constant = f64;
+            type Abreast = Four;
             const LANES: usize = $n;
+            const EPSILON: f64 = f64::EPSILON;
             crate::arithmetic_is_self!();
             #[inline(always)]
             fn splat(x: f64) -> Self {
@@ -138,6 +142,10 @@ macro_rules! lanes {
             }
             fn min_lane(self) -> f64 {
                 self.to_array().into_iter().fold(f64::INFINITY, f64::min)
+            }
+            #[inline(always)]
+            fn first_lane(self) -> f64 {
+                self.to_array()[0]
             }
             #[inline(always)]
             fn dispatch<K: Kernel>(kernel: K) -> K::Output {

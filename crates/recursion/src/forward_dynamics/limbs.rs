@@ -1,0 +1,360 @@
+//! Forward dynamics of one state with its limbs in lanes ([`crate::layout::LimbPlan`]): the same sweeps, on registers in place of numbers.
+//!
+//! Limbs go first inward and last outward; the trunk meets what they give where they stand in the order of bodies.
+//!
+//! Symbols: those of [`crate::forward_dynamics`].
+
+use super::carrying::{Carrying, InNumbers, Lanes, carried};
+use super::run::Run;
+use super::{ForwardDynamics, Moved};
+use crate::error::{DynamicsError, check_length};
+use crate::layout::{GROUND, Layout, LimbPlan, Limbs};
+use core::marker::PhantomData;
+use num_traits::Zero;
+use phipsi_spatial::{
+    Abreast, ArticulatedInertia, Kernel, Mat3, Motion, Scalar, SixLanes, Sym3, Vec3, Wrench,
+};
+
+/// Workspace of one group of limbs.
+#[derive(Clone, Debug)]
+pub(super) struct OfLimbs<T: Scalar> {
+    q: Vec<T::Abreast>,
+    v: Vec<T::Abreast>,
+    residuals: Vec<T::Abreast>,
+    work: ForwardDynamics<T::Abreast>,
+    /// What each limb gives to its parent.
+    gifts: [Moved<T::Arithmetic>; 4],
+}
+
+impl<T: Scalar> OfLimbs<T> {
+    pub(super) fn of_all(layout: &Layout<T::Constant>) -> Vec<Self> {
+        let groups = layout.limbs.iter().flat_map(|plan| &plan.groups);
+        groups
+            .map(|limbs| {
+                let zeros = vec![T::Abreast::zero(); limbs.q.len()];
+                OfLimbs {
+                    q: zeros.clone(),
+                    v: zeros.clone(),
+                    residuals: zeros,
+                    work: ForwardDynamics::new(&limbs.layout),
+                    gifts: [(ArticulatedInertia::zero(), Wrench::zero()); 4],
+                }
+            })
+            .collect()
+    }
+    /// The limbs' part of a call.
+    #[inline(always)]
+    fn gather(&mut self, limbs: &Limbs<T::Constant>, run: &Run<'_, T>) {
+        for (to, at) in self.q.iter_mut().zip(&limbs.q) {
+            *to = numbers::<T>(run.call.q, *at);
+        }
+        for ((v, residual), at) in self.v.iter_mut().zip(&mut self.residuals).zip(&limbs.v) {
+            *v = numbers::<T>(run.call.v, *at);
+            *residual = numbers::<T>(run.residuals, *at);
+        }
+        if let Some(loads) = run.call.loads {
+            for (i, to) in self.work.loads.iter_mut().enumerate() {
+                let [a, b, c, d] = limbs.roots;
+                let [a, b, c, d] = [&loads[a + i], &loads[b + i], &loads[c + i], &loads[d + i]];
+                *to = Wrench::new(
+                    vector::<T>([a.moment, b.moment, c.moment, d.moment]),
+                    vector::<T>([a.force, b.force, c.force, d.force]),
+                );
+            }
+        }
+    }
+    /// Velocities outward and the filter inward; false if a hinge of some limb is singular.
+    #[inline(always)]
+    fn filter(&mut self, limbs: &Limbs<T::Constant>, run: &Run<'_, T>) -> bool {
+        self.gather(limbs, run);
+        let mut omega = [Vec3::zero(); 4];
+        for (omega, &parent) in omega.iter_mut().zip(&limbs.parents) {
+            if parent != GROUND {
+                *omega = run.moving[parent].omega;
+            }
+        }
+        let loaded = run.call.loads.is_some();
+        let OfLimbs { q, v, residuals, work, gifts } = self;
+        let numbers = 0..q.len();
+        let mut lanes = work.all_bodies(&limbs.layout, q, v, loaded, residuals);
+        lanes.outside.0 = vector::<T>(omega);
+        lanes.sweep_velocities::<false>(numbers.clone());
+        if lanes.sweep_inboard::<false>(numbers).is_err() {
+            return false;
+        }
+        let moved = &lanes.given.hand;
+        match (limbs.together, limbs.count) {
+            (true, 3) => gifts[0] = one_of_moved::<T, Total<3>>(moved),
+            (true, _) => gifts[0] = one_of_moved::<T, Total<4>>(moved),
+            _ => {
+                gifts[0] = one_of_moved::<T, Lane<0>>(moved);
+                gifts[1] = one_of_moved::<T, Lane<1>>(moved);
+                gifts[2] = one_of_moved::<T, Lane<2>>(moved);
+                gifts[3] = one_of_moved::<T, Lane<3>>(moved);
+            }
+        }
+        true
+    }
+    /// The smoother outward.
+    #[inline(always)]
+    fn smooth(&mut self, limbs: &Limbs<T::Constant>, run: &mut Run<'_, T>) {
+        let mut alpha = [run.call.ground; 4];
+        for (alpha, &parent) in alpha.iter_mut().zip(&limbs.parents) {
+            if parent != GROUND {
+                *alpha = run.alpha[parent];
+            }
+        }
+        let [a, b, c, d] = alpha;
+        let OfLimbs { q, v, residuals, work, .. } = self;
+        let numbers = 0..q.len();
+        let mut lanes = work.all_bodies(&limbs.layout, q, v, false, residuals);
+        lanes.outside.1 = Motion::new(
+            vector::<T>([a.angular, b.angular, c.angular, d.angular]),
+            vector::<T>([a.linear, b.linear, c.linear, d.linear]),
+        );
+        lanes.sweep_outboard::<false, InNumbers>(numbers);
+        for (x, at) in residuals.iter().zip(&limbs.v) {
+            let (x, [a, b, c, d]) = (x.to_array(), *at);
+            run.residuals[a] = T::Arithmetic::constant(x[0]);
+            run.residuals[b] = T::Arithmetic::constant(x[1]);
+            run.residuals[c] = T::Arithmetic::constant(x[2]);
+            run.residuals[d] = T::Arithmetic::constant(x[3]);
+        }
+    }
+}
+
+// Functions, for closures may not be inlined.
+
+/// Numbers of four places.
+#[inline(always)]
+fn numbers<T: Scalar>(x: &[T::Arithmetic], [a, b, c, d]: [usize; 4]) -> T::Abreast {
+    number::<T>([x[a], x[b], x[c], x[d]])
+}
+
+#[inline(always)]
+fn number<T: Scalar>([a, b, c, d]: [T::Arithmetic; 4]) -> T::Abreast {
+    T::Abreast::of([a.first_lane(), b.first_lane(), c.first_lane(), d.first_lane()])
+}
+
+#[inline(always)]
+fn vector<T: Scalar>([a, b, c, d]: [Vec3<T::Arithmetic>; 4]) -> Vec3<T::Abreast> {
+    let ([a, b, c], [d, e, f], [g, h, i], [j, k, l]) = (a.0, b.0, c.0, d.0);
+    Vec3([number::<T>([a, d, g, j]), number::<T>([b, e, h, k]), number::<T>([c, f, i, l])])
+}
+
+/// How numbers become one.
+trait One {
+    fn of<T: Scalar>(x: T::Abreast) -> T::Arithmetic;
+}
+
+/// One lane.
+struct Lane<const I: usize>;
+/// The sum over `N` lanes.
+struct Total<const N: usize>;
+
+impl<const I: usize> One for Lane<I> {
+    #[inline(always)]
+    fn of<T: Scalar>(x: T::Abreast) -> T::Arithmetic {
+        T::Arithmetic::constant(x.to_array()[I])
+    }
+}
+
+impl<const N: usize> One for Total<N> {
+    #[inline(always)]
+    fn of<T: Scalar>(x: T::Abreast) -> T::Arithmetic {
+        T::Arithmetic::constant(x.sum::<N>())
+    }
+}
+
+#[inline(always)]
+fn one_of_vector<T: Scalar, O: One>([x, y, z]: [T::Abreast; 3]) -> [T::Arithmetic; 3] {
+    [O::of::<T>(x), O::of::<T>(y), O::of::<T>(z)]
+}
+
+#[inline(always)]
+fn one_of_symmetric<T: Scalar, O: One>(s: &Sym3<T::Abreast>) -> Sym3<T::Arithmetic> {
+    let [xx, xy, xz] = one_of_vector::<T, O>([s.xx, s.xy, s.xz]);
+    let [yy, yz, zz] = one_of_vector::<T, O>([s.yy, s.yz, s.zz]);
+    Sym3 { xx, xy, xz, yy, yz, zz }
+}
+
+/// P and z of one lane, or of all.
+#[inline(always)]
+fn one_of_moved<T: Scalar, O: One>((P, z): &Moved<T::Abreast>) -> Moved<T::Arithmetic> {
+    let C = P.coupling.0;
+    let rows = [one_of_vector::<T, O>(C[0]), one_of_vector::<T, O>(C[1]), one_of_vector::<T, O>(C[2])];
+    let (inertia, mass) = (one_of_symmetric::<T, O>(&P.inertia), one_of_symmetric::<T, O>(&P.mass));
+    let (moment, force) = (one_of_vector::<T, O>(z.moment.0), one_of_vector::<T, O>(z.force.0));
+    (ArticulatedInertia { inertia, coupling: Mat3(rows), mass }, Wrench::new(Vec3(moment), Vec3(force)))
+}
+
+/// All bodies of one state, limbs in lanes. The result is false, and T is still in `out`, if a hinge of a limb is singular: body by
+/// body, the error is that of the tipmost.
+pub(super) struct RunWithLimbs<'a, T: Scalar> {
+    pub(super) work: &'a mut ForwardDynamics<T>,
+    pub(super) layout: &'a Layout<T::Constant>,
+    pub(super) q: &'a [T::Arithmetic],
+    pub(super) v: &'a [T::Arithmetic],
+    pub(super) loaded: bool,
+    pub(super) out: &'a mut [T::Arithmetic],
+}
+
+impl<T: Scalar> Kernel for RunWithLimbs<'_, T> {
+    type Output = Result<bool, DynamicsError>;
+    fn run(self) -> Self::Output {
+        let RunWithLimbs { work, layout, q, v, loaded, out } = self;
+        let Some(plan) = layout.limbs.as_deref() else { return Ok(false) };
+        check_length("workspace", &work.limbs, plan.groups.len())?;
+        for (limbs, own) in plan.groups.iter().zip(&work.limbs) {
+            check_length("workspace", &own.q, limbs.q.len())?;
+        }
+        let mut own = core::mem::take(&mut work.limbs);
+        let groups = &mut own[..];
+        let run = &mut work.all_bodies(layout, q, v, loaded, out);
+        run.call.layout = &plan.layout;
+        let mut result = Ok(T::Arithmetic::dispatch(LimbsInward::<T> { run, plan, groups }));
+        if let Ok(true) = result {
+            result = carried!(Lanes::of::<T>(), |X| {
+                T::Arithmetic::dispatch(Trunk::<T, X> { run, plan, groups, by: PhantomData })
+            });
+        }
+        if let Ok(true) = result {
+            T::Arithmetic::dispatch(LimbsOutward::<T> { run, plan, groups });
+        }
+        work.limbs = own;
+        result
+    }
+}
+
+/// Velocities of all, and the filter of limbs; false if a hinge of theirs is singular.
+struct LimbsInward<'r, 'a, T: Scalar> {
+    run: &'r mut Run<'a, T>,
+    plan: &'r LimbPlan<T::Constant>,
+    groups: &'r mut [OfLimbs<T>],
+}
+
+impl<T: Scalar> Kernel for LimbsInward<'_, '_, T> {
+    type Output = bool;
+    #[inline(always)]
+    fn run(self) -> bool {
+        for (bodies, _) in &self.plan.trunk {
+            self.run.sweep_velocities::<false>(bodies.clone());
+        }
+        for (limbs, own) in self.plan.groups.iter().zip(self.groups) {
+            if !own.filter(limbs, self.run) {
+                return false;
+            }
+        }
+        true
+    }
+}
+
+/// The filter and the smoother of the trunk.
+struct Trunk<'r, 'a, T: Scalar, X> {
+    run: &'r mut Run<'a, T>,
+    plan: &'r LimbPlan<T::Constant>,
+    groups: &'r [OfLimbs<T>],
+    by: PhantomData<X>,
+}
+
+impl<T: Scalar, X: Carrying<T>> Kernel for Trunk<'_, '_, T, X> {
+    type Output = Result<bool, DynamicsError>;
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Trunk { run, plan, groups, .. } = self;
+        X::begin(run);
+        for (bodies, gift) in plan.trunk.iter().rev() {
+            if let Some(gift) = gift {
+                X::take(run, gift.root, &groups[gift.group].gifts[gift.lane]);
+            }
+            if !bodies.is_empty() {
+                X::inboard::<false>(run, bodies.clone())?;
+            }
+        }
+        for (bodies, _) in &plan.trunk {
+            run.sweep_outboard::<false, X>(bodies.clone());
+        }
+        Ok(true)
+    }
+}
+
+/// The smoother of limbs.
+struct LimbsOutward<'r, 'a, T: Scalar> {
+    run: &'r mut Run<'a, T>,
+    plan: &'r LimbPlan<T::Constant>,
+    groups: &'r mut [OfLimbs<T>],
+}
+
+impl<T: Scalar> Kernel for LimbsOutward<'_, '_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run(self) {
+        for (limbs, own) in self.plan.groups.iter().zip(self.groups) {
+            own.smooth(limbs, self.run);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use phipsi_model::{Inertia, Joint, Model};
+    use phipsi_reference::generate::{case_with_limbs, rebuilt};
+
+    fn accelerations(
+        layout: &Layout<f64>,
+        case: &phipsi_reference::generate::Case,
+    ) -> Result<Vec<f64>, String> {
+        crate::forward_dynamics(layout, &case.q, &case.v, &case.tau, None).map_err(|e| e.to_string())
+    }
+
+    fn without_limbs(model: &Model) -> Layout<f64> {
+        let mut layout = Layout::new(model);
+        layout.limbs = None;
+        layout
+    }
+
+    /// A hinge that moves nothing, in a limb or in the trunk: the error is that of the sweep body by body.
+    #[test]
+    fn errors_are_those_of_single_bodies() {
+        let mut failed = 0;
+        for seed in 0..200 {
+            let mut case = case_with_limbs(seed);
+            let n = case.model.len();
+            let bodies = [seed as usize * 7 % n, n - 1];
+            let inertia = |k: usize, body: &phipsi_model::Body| {
+                if bodies.contains(&k) { Inertia::ZERO } else { body.inertia }
+            };
+            let joint = |_: usize, joint: &Joint| (joint.kind, joint.placement);
+            case.model = rebuilt(&case.model, inertia, joint, case.model.gravity());
+            let (with, without) = (Layout::new(&case.model), without_limbs(&case.model));
+            let [with, without] = [accelerations(&with, &case), accelerations(&without, &case)];
+            assert_eq!(with.as_ref().err(), without.as_ref().err(), "seed {seed}");
+            failed += usize::from(with.is_err());
+        }
+        assert!(failed > 100, "{failed}");
+    }
+
+    /// Gravity that is changed after the limbs were found reaches all of them; a workspace of another layout is refused.
+    #[test]
+    fn gravity_is_the_layouts_own() {
+        let mut compared = 0;
+        for seed in 0..50 {
+            let case = case_with_limbs(seed);
+            let gravity = Vec3([1.0, -2.0, 3.0]);
+            let layouts =
+                [Layout::new(&case.model), without_limbs(&case.model)].map(|l| l.with_gravity(gravity));
+            let [with, without] = [0, 1].map(|i| accelerations(&layouts[i], &case).unwrap());
+            let largest = without.iter().fold(1.0, |a: f64, x| a.max(x.abs()));
+            for (a, b) in with.iter().zip(&without) {
+                assert!((a - b).abs() <= 1e-8 * largest, "seed {seed}: {a} and {b}");
+            }
+            compared += 1;
+            let mut other = ForwardDynamics::<f64>::new(&layouts[1]);
+            let mut out = case.tau.clone();
+            let result = other.run(&layouts[0], &case.q, &case.v, &case.tau, None, &mut out);
+            assert_eq!(result.is_err(), layouts[0].limbs.is_some(), "seed {seed}");
+        }
+        assert_eq!(compared, 50);
+    }
+}
