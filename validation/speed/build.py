@@ -159,7 +159,7 @@ def simbody(cache: Path) -> Built:
 def phipsi(cache: Path) -> Built:
     """This workspace's example, as a published build would be: the instruction level is chosen at run time."""
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    features = ["--no-default-features", "--features", "formats,closure"]
+    features = ["--no-default-features", "--features", "formats,closure,parallel"]
     _cargo(["build", "--release", "-p", "phipsi", "--example", "speed", *features, "--target-dir", str(target)], "phipsi")
     commit = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True).stdout
     version = f"0.1.0 {commit.strip()}".strip()

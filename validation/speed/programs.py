@@ -256,9 +256,9 @@ class Phipsi:
         self.built = build.phipsi(self.folder)
         self.timer = Timer(self.name, self.built.command)
 
-    def another_timer(self) -> Timer:
-        """One more process: for a model that is expensive to open."""
-        return Timer(self.name, self.built.command)
+    def another_timer(self, threads: int = 1) -> Timer:
+        """One more process: for a model that is expensive to open, or for batches on several threads."""
+        return Timer(self.name, self.built.command, threads)
 
     def start(self, case: Case) -> None:
         if case.closures:

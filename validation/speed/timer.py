@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import statistics
 import subprocess
@@ -27,11 +28,11 @@ class Unsupported(TimerError):
 class Timer:
     """A running timer."""
 
-    def __init__(self, name: str, command: Sequence[str]) -> None:
+    def __init__(self, name: str, command: Sequence[str], threads: int = 1) -> None:
         self.name = name
-        self._process = subprocess.Popen(
-            list(command), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, bufsize=1
-        )
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+        environment = {**os.environ, "RAYON_NUM_THREADS": str(threads)}
+        self._process = subprocess.Popen(list(command), env=environment, text=True, bufsize=1, **pipes)
 
     def close(self) -> None:
         """Ends the process."""

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Files of `recursion` that hold no algorithm.
-const SUPPORT: [&str; 17] = [
+const SUPPORT: [&str; 18] = [
     "batch",
     "branching",
     "composites",
@@ -18,6 +18,7 @@ const SUPPORT: [&str; 17] = [
     "kernel",
     "layout",
     "lib",
+    "limbs",
     "link",
     "operators",
     "packed",

@@ -1,6 +1,7 @@
 //! Arrays of Python as states: conversion, shapes, leading batch axes, and the run over states.
 //!
-//! Inputs are copied, so that nothing that Python does to an array meanwhile is seen, and the interpreter is released. A
+//! Inputs are copied, so that nothing that Python does to an array meanwhile is seen, but for large ones of recursions
+//! (`lent.rs`), and the interpreter is released. A
 //! state's result depends neither on its place in the batch nor on the number of threads: recursions go through
 //! [`phipsi::recursion::batch`], also one state by itself; what branches on values is computed state by state. Of several
 //! failures the first one is reported.
@@ -50,6 +51,24 @@ impl Argument {
     ) -> PyResult<Self> {
         let (py, name) = (object.py(), name.into());
         let (data, finite, shape) = numbers(object, &name)?;
+        let argument = Self::without_numbers(py, name, shape, core, meaning)?;
+        if !finite {
+            argument.refuse_not_finite(py, &data, describe)?;
+        }
+        Ok(argument.with_numbers(data))
+    }
+    /// An argument of a shape, whose numbers come later.
+    ///
+    /// # Errors
+    /// `ArgumentError`.
+    pub fn without_numbers(
+        py: Python<'_>,
+        name: impl Into<Cow<'static, str>>,
+        shape: Vec<usize>,
+        core: &[usize],
+        meaning: &str,
+    ) -> PyResult<Self> {
+        let name = name.into();
         if shape.len() < core.len() || shape[shape.len() - core.len()..] != *core {
             let required = required_shape(core);
             let message =
@@ -57,18 +76,25 @@ impl Argument {
             return Err(argument_error(py, &name, Field::Tuple(shape), required.into(), &message, None));
         }
         let (batch, size) = (shape[..shape.len() - core.len()].to_vec(), core.iter().product());
-        if !finite && let Some(i) = data.iter().position(|x| !x.is_finite()) {
-            let (state, at) = (unravel(i / size, &batch), describe(i % size));
-            return Err(not_finite(
-                py,
-                &format!("`{name}`"),
-                Some(&at),
-                data[i],
-                state,
-                "pass finite numbers",
-            ));
-        }
-        Ok(Argument { name, data, batch, size, map: None })
+        Ok(Argument { name, data: Buffer::of(0), batch, size, map: None })
+    }
+    /// The same with its numbers.
+    pub fn with_numbers(self, data: Buffer) -> Self {
+        Argument { data, ..self }
+    }
+    /// Its numbers.
+    pub fn numbers(&self) -> &[f64] {
+        &self.data
+    }
+    /// Refuses the first of its numbers that is not finite.
+    ///
+    /// # Errors
+    /// `NumericalError`.
+    pub fn refuse_not_finite(&self, py: Python<'_>, data: &[f64], describe: Describe<'_>) -> PyResult<()> {
+        let Some(i) = data.iter().position(|x| !x.is_finite()) else { return Ok(()) };
+        let (state, at) = (unravel(i / self.size, &self.batch), describe(i % self.size));
+        let quantity = format!("`{}`", self.name);
+        Err(not_finite(py, &quantity, Some(&at), data[i], state, "pass finite numbers"))
     }
     /// The numbers of one state of the batch.
     #[inline]
@@ -82,16 +108,24 @@ impl Argument {
     }
     /// Its numbers as an input of a batch.
     pub fn input(&self) -> Input<'_> {
+        self.input_of(&self.data)
+    }
+    /// Its numbers, kept elsewhere, as an input of a batch.
+    pub fn input_of<'a>(&'a self, data: &'a [f64]) -> Input<'a> {
         match &self.map {
-            Some(map) => Input::mapped(&self.data, self.size, map),
-            None if self.batch.is_empty() => Input::same(&self.data),
-            None => Input::each(&self.data, self.size),
+            Some(map) => Input::mapped(data, self.size, map),
+            None if self.batch.is_empty() => Input::same(data),
+            None => Input::each(data, self.size),
         }
     }
     /// States of the argument itself, before broadcasting.
     pub fn own_states(&self) -> impl Iterator<Item = (usize, &[f64])> {
-        let count = self.batch.iter().product();
-        (0..count).map(|i| (i, &self.data[i * self.size..(i + 1) * self.size]))
+        self.states_of(&self.data)
+    }
+    /// The same of its numbers, kept elsewhere.
+    pub fn states_of<'a>(&self, data: &'a [f64]) -> impl Iterator<Item = (usize, &'a [f64])> + use<'a> {
+        let (count, size) = (self.batch.iter().product(), self.size);
+        (0..count).map(move |i| (i, &data[i * size..(i + 1) * size]))
     }
     /// True without batch axes.
     pub fn is_single(&self) -> bool {
@@ -243,7 +277,7 @@ pub fn array<'py>(
 }
 
 /// A copy, and true if all numbers are finite: each piece is looked at while it is in the cache.
-fn copied(x: &[f64]) -> (Buffer, bool) {
+pub fn copied(x: &[f64]) -> (Buffer, bool) {
     let (mut copy, mut finite) = (Buffer::of(x.len()), true);
     for piece in x.chunks(1024) {
         copy.extend(piece);
@@ -253,7 +287,7 @@ fn copied(x: &[f64]) -> (Buffer, bool) {
 }
 
 /// True if all numbers are finite; looks at many at a time.
-fn all_finite(x: &[f64]) -> bool {
+pub fn all_finite(x: &[f64]) -> bool {
     // 0 · x is zero or not a number.
     let mut sums = [0.0; 8];
     let groups = x.chunks_exact(8);

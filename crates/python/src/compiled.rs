@@ -3,6 +3,7 @@
 
 use crate::batch::{Argument, Batch};
 use crate::errors::{Failure, argument_error, dynamics_error, name_error, potential_error};
+use crate::lent::{Lent, Place};
 use phipsi::closure::{ClosedDynamics, ClosedFormChoice, ClosureError};
 use phipsi::model::JointKind;
 use phipsi::recursion::batch::Input;
@@ -134,9 +135,13 @@ impl Compiled {
     }
     /// Reads configurations; quaternions of length zero are refused.
     pub fn q(&self, object: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Argument> {
-        let model = &self.model;
-        let describe = |i: usize| self.place_of_position(i);
-        let q = Argument::read(object, name, &[model.nq()], "nq positions", &describe)?;
+        self.lent_q(object, name)?.settled(object.py(), self)
+    }
+    /// The same, large ones where they are.
+    pub fn lent_q<'py>(&self, object: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Lent<'py>> {
+        let (model, py) = (&self.model, object.py());
+        let place: Place = Compiled::place_of_position;
+        let q = Lent::read(object, name, &[model.nq()], "nq positions", (self, place))?;
         for k in model.moving_joints() {
             if !matches!(model.joints()[k].kind, JointKind::Spherical | JointKind::Free) {
                 continue;
@@ -145,12 +150,13 @@ impl Compiled {
             for (state, x) in q.own_states() {
                 let square: f64 = x[end - 4..].iter().take(4).map(|c| c * c).sum();
                 if square == 0.0 || !square.is_finite() {
+                    q.check(py, self)?;
                     let joint = &model.joints()[k].name;
                     let quantity = format!("`{name}`: squared length of the quaternion");
                     let at = format!("joint `{joint}`, component {}", end - 4 - model.q_offset(k));
                     let remedy = "a quaternion needs a length; the identity is (0, 0, 0, 1)";
-                    let py = object.py();
-                    return Err(crate::batch::unfit(py, &quantity, &at, square, q.place(state), remedy));
+                    let place = q.argument.place(state);
+                    return Err(crate::batch::unfit(py, &quantity, &at, square, place, remedy));
                 }
             }
         }
@@ -158,9 +164,13 @@ impl Compiled {
     }
     /// Reads velocities, accelerations, generalized forces.
     pub fn v(&self, object: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Argument> {
-        let describe = |i: usize| self.place_of_velocity(i);
+        self.lent_v(object, name)?.settled(object.py(), self)
+    }
+    /// The same, large ones where they are.
+    pub fn lent_v<'py>(&self, object: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Lent<'py>> {
+        let place: Place = Compiled::place_of_velocity;
         let meaning = "one number per degree of freedom, nv";
-        Argument::read(object, name, &[self.model.nv()], meaning, &describe)
+        Lent::read(object, name, &[self.model.nv()], meaning, (self, place))
     }
     /// Reads points or vectors of the world or of a body.
     pub fn point(&self, object: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Argument> {

@@ -143,13 +143,21 @@ impl Model {
             return self.closed_forward_dynamics(py, &compiled, [q, v, tau], loads, form, info);
         }
         let layout = &compiled.layout;
-        let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
-        let (mut tau, mut wrenches) = (compiled.v(tau, "tau")?, compiled.wrenches(wrenches)?);
-        let batch = Batch::of(py, [&mut q, &mut v, &mut tau].into_iter().chain(&mut wrenches.arguments))?;
+        let (mut q, mut v) = (compiled.lent_q(q, "q")?, compiled.lent_v(v, "v")?);
+        let (mut tau, mut wrenches) = (compiled.lent_v(tau, "tau")?, compiled.wrenches(wrenches)?);
+        let own = [&mut q, &mut v, &mut tau].map(|lent| &mut lent.argument);
+        let batch = Batch::of(py, own.into_iter().chain(&mut wrenches.arguments))?;
         let nv = layout.nv();
         let form = compiled.form(py, form)?;
+        let kernel = kernels::ForwardDynamics { layout, loaded: &wrenches.bodies };
+        if form == Form::Plain && !info {
+            let arguments = (&[&q, &v, &tau][..], &wrenches.arguments[..]);
+            let out = batch.run_lent(py, &compiled, &kernel, arguments, nv)?;
+            return compiled.result(py, &batch, out, Names::Velocity("acceleration"), &[nv]);
+        }
+        let (q, v) = (q.settled(py, &compiled)?, v.settled(py, &compiled)?);
+        let tau = tau.settled(py, &compiled)?;
         let out = if form == Form::Plain {
-            let kernel = kernels::ForwardDynamics { layout, loaded: &wrenches.bodies };
             batch.run(py, &kernel, &wrenches.inputs([&q, &v, &tau]), nv)
         } else {
             batch.each(
@@ -227,11 +235,13 @@ impl Model {
     ) -> PyResult<Bound<'py, PyAny>> {
         let compiled = self.compiled();
         let layout = &compiled.layout;
-        let (mut q, mut v) = (compiled.q(q, "q")?, compiled.v(v, "v")?);
-        let (mut a, mut wrenches) = (compiled.v(a, "a")?, compiled.wrenches(wrenches)?);
-        let batch = Batch::of(py, [&mut q, &mut v, &mut a].into_iter().chain(&mut wrenches.arguments))?;
+        let (mut q, mut v) = (compiled.lent_q(q, "q")?, compiled.lent_v(v, "v")?);
+        let (mut a, mut wrenches) = (compiled.lent_v(a, "a")?, compiled.wrenches(wrenches)?);
+        let own = [&mut q, &mut v, &mut a].map(|lent| &mut lent.argument);
+        let batch = Batch::of(py, own.into_iter().chain(&mut wrenches.arguments))?;
         let kernel = kernels::InverseDynamics { layout, loaded: &wrenches.bodies };
-        let out = batch.run(py, &kernel, &wrenches.inputs([&q, &v, &a]), layout.nv());
+        let arguments = (&[&q, &v, &a][..], &wrenches.arguments[..]);
+        let out = batch.run_lent(py, &compiled, &kernel, arguments, layout.nv())?;
         compiled.result(py, &batch, out, Names::Velocity("generalized force"), &[layout.nv()])
     }
     /// The mass matrix M(q), full and symmetric: of the tree, with closures and couplings open.

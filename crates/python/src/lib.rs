@@ -30,6 +30,7 @@ mod freeflight;
 mod hybrid;
 mod jacobians;
 mod kinematics;
+mod lent;
 mod model;
 mod molecule;
 mod operator_dynamics;

@@ -80,20 +80,26 @@ pub struct Input<'a> {
     /// Which of its states belongs to each state of the batch; empty: the same number, or always the first.
     map: &'a [usize],
     same: bool,
+    checked: bool,
 }
 
 impl<'a> Input<'a> {
     /// `size` numbers for each state of the batch.
     pub fn each(data: &'a [f64], size: usize) -> Self {
-        Input { data, size, map: &[], same: false }
+        Input { data, size, map: &[], same: false, checked: false }
     }
     /// The same numbers for all states.
     pub fn same(data: &'a [f64]) -> Self {
-        Input { data, size: data.len(), map: &[], same: true }
+        Input { data, size: data.len(), map: &[], same: true, checked: false }
     }
     /// For state i of the batch the numbers of state `map[i]`.
     pub fn mapped(data: &'a [f64], size: usize, map: &'a [usize]) -> Self {
-        Input { data, size, map, same: false }
+        Input { data, size, map, same: false, checked: false }
+    }
+    /// The same numbers, of which one that is not finite is an error, also if no result depends on it. They are looked at where they are
+    /// packed.
+    pub fn checked(self) -> Self {
+        Input { checked: true, ..self }
     }
     /// The first of `count` states that has no numbers here.
     fn shortage(&self, count: usize) -> Option<usize> {
@@ -193,7 +199,8 @@ impl<K: StateKernel> BatchRunner<K> {
     /// first time; later batches take those.
     ///
     /// # Errors
-    /// The first state that fails, and how; [`DynamicsError::NotFinite`] if a number of its result is not finite.
+    /// The first state that fails, and how; [`DynamicsError::NotFinite`] if a number of its result is not finite,
+    /// [`DynamicsError::InputNotFinite`] if one of an input is not that is to be checked.
     /// [`DynamicsError::Shape`] if an input has fewer states than `count`, or `out` no whole number of entries a state.
     pub fn run(
         &self,
@@ -337,11 +344,17 @@ impl<T: Lanes, K: StateKernel> Kernel for Block<'_, T, K> {
         for (pack, out) in self.out.chunks_mut(T::LANES * size).enumerate() {
             let first = self.first + pack * T::LANES;
             let states = out.len() / size;
+            let mut finite = true;
             for (input, packed) in inputs.iter().zip(packed.iter_mut()) {
                 // Checked before: every input has numbers for every state.
                 let mut rows: [&[f64]; WIDEST] = [&[]; WIDEST];
                 input.rows(first, states, &mut rows[..T::LANES]);
                 T::pack(&rows[..T::LANES], packed);
+                finite &= !input.checked || all_finite(packed);
+            }
+            if !finite {
+                let error = DynamicsError::InputNotFinite { input: 0, index: 0, found: f64::NAN };
+                return Some(self.work.first_failure(first, states).unwrap_or((first, error)));
             }
             if let Err(error) = kernel.run(workspace, packed, results) {
                 return Some(self.work.first_failure(first, states).unwrap_or((first, error)));
@@ -364,6 +377,9 @@ impl<K: StateKernel> Work<'_, K> {
         let mut workspace = self.kernel.workspace::<Fused>();
         let mut results = vec![Fused(0.0); self.size];
         (first..first + states).find_map(|state| {
+            if let Some(error) = self.not_finite(state) {
+                return Some((state, error));
+            }
             let numbers = |i: &Input<'_>| i.at(state).unwrap_or_default().iter().map(|&x| Fused(x)).collect();
             let inputs: Vec<Vec<Fused>> = self.inputs.iter().map(numbers).collect();
             let error = match self.kernel.run(&mut workspace, &inputs, &mut results) {
@@ -375,6 +391,18 @@ impl<K: StateKernel> Work<'_, K> {
                     .map(|(index, x)| DynamicsError::NotFinite { index, found: x.0 }),
             };
             error.map(|error| (state, error))
+        })
+    }
+}
+
+impl<K> Work<'_, K> {
+    /// The first number of a state that is not finite, among those that are to be checked.
+    fn not_finite(&self, state: usize) -> Option<DynamicsError> {
+        let checked = self.inputs.iter().enumerate().filter(|(_, input)| input.checked);
+        checked.into_iter().find_map(|(input, numbers)| {
+            let numbers = numbers.at(state).unwrap_or_default();
+            let index = numbers.iter().position(|x| !x.is_finite())?;
+            Some(DynamicsError::InputNotFinite { input, index, found: numbers[index] })
         })
     }
 }

@@ -38,6 +38,15 @@ pub enum DynamicsError {
         /// The number.
         found: f64,
     },
+    /// A number of an input of a batch that is not finite, where inputs are looked at.
+    InputNotFinite {
+        /// Which input.
+        input: usize,
+        /// Its index in one state of the input.
+        index: usize,
+        /// The number.
+        found: f64,
+    },
     /// The model has a closure that these recursions do not close.
     Closure {
         /// The joint with the closure.
@@ -84,6 +93,9 @@ impl fmt::Display for DynamicsError {
                 "number {index} of the result is {found}, but a finite number is required; look for inputs so large that \
                  products overflow, and for masses that are zero"
             ),
+            DynamicsError::InputNotFinite { input, index, found } => {
+                write!(f, "number {index} of input {input} is {found}; pass finite numbers")
+            }
             DynamicsError::Closure { joint, source } => write!(
                 f,
                 "joint `{joint}` mimics joint `{source}`: a closure, which tree dynamics does not close; \

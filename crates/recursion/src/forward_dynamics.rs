@@ -17,8 +17,9 @@ use crate::flexible;
 use crate::hinge::Hinge;
 use crate::kinematics::{relative, relative_revolute};
 use crate::layout::{GROUND, Layout, Shifts, TOGETHER, each_kind};
+use crate::limbs::Moved;
 use crate::link::each_shape;
-use crate::packed::{Packed, Stored};
+use crate::packed::{Packed, Stored, is_lone};
 use core::marker::PhantomData;
 use core::ops::Range;
 use num_traits::Zero;
@@ -43,9 +44,6 @@ struct Moving<T> {
     /// a, zero at a root.
     coriolis: Motion<T>,
 }
-
-/// P and z of an eliminated body, moved to its parent.
-type Moved<T> = (ArticulatedInertia<T>, Wrench<T>);
 
 /// Workspace of forward dynamics.
 #[derive(Clone, Debug)]
@@ -77,7 +75,7 @@ impl<T: Scalar> ForwardDynamics<T> {
             packed: Given::new(layout, Packed::zero::<T::Arithmetic>()),
             alpha: vec![Motion::zero(); n],
             loads: vec![Wrench::zero(); n],
-            limbs: OfLimbs::of_all(layout),
+            limbs: if is_lone::<T>() { OfLimbs::of_all(layout) } else { Vec::new() },
             flexible: layout.flexible().map(|tree| Box::new(flexible::Forward::new(tree))),
         }
     }

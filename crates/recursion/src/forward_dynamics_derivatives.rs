@@ -22,7 +22,7 @@ use phipsi_spatial::{Scalar, Vec3, Wrench};
 mod filter;
 
 use filter::Sweep as FilterSweep;
-use filter::{Filter, smooth};
+use filter::{Filter, LimbFilter, smooth};
 
 /// Workspace of the derivatives of forward dynamics.
 #[derive(Clone, Debug)]
@@ -42,7 +42,7 @@ impl<T: Scalar> ForwardDynamicsDerivatives<T> {
         let sweeps = DerivativeSweeps::new(layout);
         ForwardDynamicsDerivatives {
             shifts: Shifts::new(layout),
-            filter: Filter::new(layout, &sweeps.places),
+            filter: Filter::new(layout, &sweeps.places, is_lone::<T>()),
             innovations: Innovations::with_products(
                 layout,
                 &sweeps.places,
@@ -134,7 +134,13 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Accelerate<'_, T> {
         let (places, view, gains) = (&sweeps.places, sweeps.table.view(), innovations.gains());
         let residuals = T::arithmetic_mut(acceleration);
         let mut sweep = FilterSweep { layout, places, view, gains, residuals };
-        filter.inward::<W>(is_lone::<T>(), &mut sweep)?;
+        let in_lanes = match layout.limbs.as_deref() {
+            Some(plan) => T::lone(LimbFilter { filter, plan, sweep: &mut sweep }).unwrap_or(Ok(false))?,
+            None => false,
+        };
+        if !in_lanes {
+            filter.inward::<W>(is_lone::<T>(), &mut sweep)?;
+        }
         let FilterSweep { mut view, mut gains, residuals, .. } = sweep;
         accelerate_outboard(layout, places, &mut view, |view, body, place, alpha| {
             smooth(body, place, view, &mut gains, residuals, alpha);

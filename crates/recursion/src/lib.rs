@@ -53,6 +53,7 @@ pub mod joint_reactions;
 mod kernel;
 pub mod kinematics;
 pub mod layout;
+mod limbs;
 pub mod linearize;
 mod link;
 pub mod log_determinant_gradient;

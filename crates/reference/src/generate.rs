@@ -80,7 +80,7 @@ fn case_of(random: &mut Random, model: Model) -> Case {
 /// A case whose model has three to six limbs of one shape: hinges, perhaps sliders, each limb with its own axes, placements and masses; on one
 /// body or on several.
 pub fn case_with_limbs(seed: u64) -> Case {
-    let mut random = Random::new(seed ^ 0x6c69_6d62_73);
+    let mut random = Random::new(seed ^ 0x006c_696d_6273);
     let decades = [0.0, 0.5, 1.0][random.below(3)];
     let limits = Limits { degrees_of_freedom: 1 + random.below(8), decades };
     let trunk = model(&mut random, limits);

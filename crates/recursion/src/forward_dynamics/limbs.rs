@@ -4,16 +4,15 @@
 //!
 //! Symbols: those of [`crate::forward_dynamics`].
 
+use super::ForwardDynamics;
 use super::carrying::{Carrying, InNumbers, Lanes, carried};
 use super::run::Run;
-use super::{ForwardDynamics, Moved};
 use crate::error::{DynamicsError, check_length};
 use crate::layout::{GROUND, Layout, LimbPlan, Limbs};
+use crate::limbs::{self, Moved};
 use core::marker::PhantomData;
 use num_traits::Zero;
-use phipsi_spatial::{
-    Abreast, ArticulatedInertia, Kernel, Mat3, Motion, Scalar, SixLanes, Sym3, Vec3, Wrench,
-};
+use phipsi_spatial::{ArticulatedInertia, Kernel, Motion, Scalar, SixLanes, Vec3, Wrench};
 
 /// Workspace of one group of limbs.
 #[derive(Clone, Debug)]
@@ -44,31 +43,31 @@ impl<T: Scalar> OfLimbs<T> {
     }
     /// The limbs' part of a call.
     #[inline(always)]
-    fn gather(&mut self, limbs: &Limbs<T::Constant>, run: &Run<'_, T>) {
-        for (to, at) in self.q.iter_mut().zip(&limbs.q) {
-            *to = numbers::<T>(run.call.q, *at);
+    fn gather(&mut self, of: &Limbs<T::Constant>, run: &Run<'_, T>) {
+        for (to, at) in self.q.iter_mut().zip(&of.q) {
+            *to = limbs::numbers(run.call.q, *at);
         }
-        for ((v, residual), at) in self.v.iter_mut().zip(&mut self.residuals).zip(&limbs.v) {
-            *v = numbers::<T>(run.call.v, *at);
-            *residual = numbers::<T>(run.residuals, *at);
+        for ((v, residual), at) in self.v.iter_mut().zip(&mut self.residuals).zip(&of.v) {
+            *v = limbs::numbers(run.call.v, *at);
+            *residual = limbs::numbers(run.residuals, *at);
         }
         if let Some(loads) = run.call.loads {
             for (i, to) in self.work.loads.iter_mut().enumerate() {
-                let [a, b, c, d] = limbs.roots;
+                let [a, b, c, d] = of.roots;
                 let [a, b, c, d] = [&loads[a + i], &loads[b + i], &loads[c + i], &loads[d + i]];
                 *to = Wrench::new(
-                    vector::<T>([a.moment, b.moment, c.moment, d.moment]),
-                    vector::<T>([a.force, b.force, c.force, d.force]),
+                    limbs::vector([a.moment, b.moment, c.moment, d.moment]),
+                    limbs::vector([a.force, b.force, c.force, d.force]),
                 );
             }
         }
     }
     /// Velocities outward and the filter inward; false if a hinge of some limb is singular.
     #[inline(always)]
-    fn filter(&mut self, limbs: &Limbs<T::Constant>, run: &Run<'_, T>) -> bool {
-        self.gather(limbs, run);
+    fn filter(&mut self, of: &Limbs<T::Constant>, run: &Run<'_, T>) -> bool {
+        self.gather(of, run);
         let mut omega = [Vec3::zero(); 4];
-        for (omega, &parent) in omega.iter_mut().zip(&limbs.parents) {
+        for (omega, &parent) in omega.iter_mut().zip(&of.parents) {
             if parent != GROUND {
                 *omega = run.moving[parent].omega;
             }
@@ -76,30 +75,20 @@ impl<T: Scalar> OfLimbs<T> {
         let loaded = run.call.loads.is_some();
         let OfLimbs { q, v, residuals, work, gifts } = self;
         let numbers = 0..q.len();
-        let mut lanes = work.all_bodies(&limbs.layout, q, v, loaded, residuals);
-        lanes.outside.0 = vector::<T>(omega);
+        let mut lanes = work.all_bodies(&of.layout, q, v, loaded, residuals);
+        lanes.outside.0 = limbs::vector(omega);
         lanes.sweep_velocities::<false>(numbers.clone());
         if lanes.sweep_inboard::<false>(numbers).is_err() {
             return false;
         }
-        let moved = &lanes.given.hand;
-        match (limbs.together, limbs.count) {
-            (true, 3) => gifts[0] = one_of_moved::<T, Total<3>>(moved),
-            (true, _) => gifts[0] = one_of_moved::<T, Total<4>>(moved),
-            _ => {
-                gifts[0] = one_of_moved::<T, Lane<0>>(moved);
-                gifts[1] = one_of_moved::<T, Lane<1>>(moved);
-                gifts[2] = one_of_moved::<T, Lane<2>>(moved);
-                gifts[3] = one_of_moved::<T, Lane<3>>(moved);
-            }
-        }
+        limbs::give(of, &lanes.given.hand, gifts);
         true
     }
     /// The smoother outward.
     #[inline(always)]
-    fn smooth(&mut self, limbs: &Limbs<T::Constant>, run: &mut Run<'_, T>) {
+    fn smooth(&mut self, of: &Limbs<T::Constant>, run: &mut Run<'_, T>) {
         let mut alpha = [run.call.ground; 4];
-        for (alpha, &parent) in alpha.iter_mut().zip(&limbs.parents) {
+        for (alpha, &parent) in alpha.iter_mut().zip(&of.parents) {
             if parent != GROUND {
                 *alpha = run.alpha[parent];
             }
@@ -107,85 +96,18 @@ impl<T: Scalar> OfLimbs<T> {
         let [a, b, c, d] = alpha;
         let OfLimbs { q, v, residuals, work, .. } = self;
         let numbers = 0..q.len();
-        let mut lanes = work.all_bodies(&limbs.layout, q, v, false, residuals);
+        let mut lanes = work.all_bodies(&of.layout, q, v, false, residuals);
         lanes.outside.1 = Motion::new(
-            vector::<T>([a.angular, b.angular, c.angular, d.angular]),
-            vector::<T>([a.linear, b.linear, c.linear, d.linear]),
+            limbs::vector([a.angular, b.angular, c.angular, d.angular]),
+            limbs::vector([a.linear, b.linear, c.linear, d.linear]),
         );
         lanes.sweep_outboard::<false, InNumbers>(numbers);
-        for (x, at) in residuals.iter().zip(&limbs.v) {
-            let (x, [a, b, c, d]) = (x.to_array(), *at);
-            run.residuals[a] = T::Arithmetic::constant(x[0]);
-            run.residuals[b] = T::Arithmetic::constant(x[1]);
-            run.residuals[c] = T::Arithmetic::constant(x[2]);
-            run.residuals[d] = T::Arithmetic::constant(x[3]);
+        for (x, at) in residuals.iter().zip(&of.v) {
+            let (x, [a, b, c, d]) = (limbs::lanes::<T::Arithmetic>(*x), *at);
+            (run.residuals[a], run.residuals[b], run.residuals[c], run.residuals[d]) =
+                (x[0], x[1], x[2], x[3]);
         }
     }
-}
-
-// Functions, for closures may not be inlined.
-
-/// Numbers of four places.
-#[inline(always)]
-fn numbers<T: Scalar>(x: &[T::Arithmetic], [a, b, c, d]: [usize; 4]) -> T::Abreast {
-    number::<T>([x[a], x[b], x[c], x[d]])
-}
-
-#[inline(always)]
-fn number<T: Scalar>([a, b, c, d]: [T::Arithmetic; 4]) -> T::Abreast {
-    T::Abreast::of([a.first_lane(), b.first_lane(), c.first_lane(), d.first_lane()])
-}
-
-#[inline(always)]
-fn vector<T: Scalar>([a, b, c, d]: [Vec3<T::Arithmetic>; 4]) -> Vec3<T::Abreast> {
-    let ([a, b, c], [d, e, f], [g, h, i], [j, k, l]) = (a.0, b.0, c.0, d.0);
-    Vec3([number::<T>([a, d, g, j]), number::<T>([b, e, h, k]), number::<T>([c, f, i, l])])
-}
-
-/// How numbers become one.
-trait One {
-    fn of<T: Scalar>(x: T::Abreast) -> T::Arithmetic;
-}
-
-/// One lane.
-struct Lane<const I: usize>;
-/// The sum over `N` lanes.
-struct Total<const N: usize>;
-
-impl<const I: usize> One for Lane<I> {
-    #[inline(always)]
-    fn of<T: Scalar>(x: T::Abreast) -> T::Arithmetic {
-        T::Arithmetic::constant(x.to_array()[I])
-    }
-}
-
-impl<const N: usize> One for Total<N> {
-    #[inline(always)]
-    fn of<T: Scalar>(x: T::Abreast) -> T::Arithmetic {
-        T::Arithmetic::constant(x.sum::<N>())
-    }
-}
-
-#[inline(always)]
-fn one_of_vector<T: Scalar, O: One>([x, y, z]: [T::Abreast; 3]) -> [T::Arithmetic; 3] {
-    [O::of::<T>(x), O::of::<T>(y), O::of::<T>(z)]
-}
-
-#[inline(always)]
-fn one_of_symmetric<T: Scalar, O: One>(s: &Sym3<T::Abreast>) -> Sym3<T::Arithmetic> {
-    let [xx, xy, xz] = one_of_vector::<T, O>([s.xx, s.xy, s.xz]);
-    let [yy, yz, zz] = one_of_vector::<T, O>([s.yy, s.yz, s.zz]);
-    Sym3 { xx, xy, xz, yy, yz, zz }
-}
-
-/// P and z of one lane, or of all.
-#[inline(always)]
-fn one_of_moved<T: Scalar, O: One>((P, z): &Moved<T::Abreast>) -> Moved<T::Arithmetic> {
-    let C = P.coupling.0;
-    let rows = [one_of_vector::<T, O>(C[0]), one_of_vector::<T, O>(C[1]), one_of_vector::<T, O>(C[2])];
-    let (inertia, mass) = (one_of_symmetric::<T, O>(&P.inertia), one_of_symmetric::<T, O>(&P.mass));
-    let (moment, force) = (one_of_vector::<T, O>(z.moment.0), one_of_vector::<T, O>(z.force.0));
-    (ArticulatedInertia { inertia, coupling: Mat3(rows), mass }, Wrench::new(Vec3(moment), Vec3(force)))
 }
 
 /// All bodies of one state, limbs in lanes. The result is false, and T is still in `out`, if a hinge of a limb is singular: body by

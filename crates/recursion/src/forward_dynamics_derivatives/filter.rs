@@ -11,17 +11,19 @@ use crate::hinge::Hinge;
 use crate::innovations::Gains;
 use crate::inverse_dynamics_derivatives::{ALPHA, FORCE, ROWS};
 use crate::layout::{GROUND, Layout, LayoutBody, Pending};
+use crate::limbs::Moved;
 use crate::packed::Packed;
-use crate::places::{Places, View};
+use crate::places::{Lane, Places, Table, View};
+use core::ops::Range;
 use phipsi_spatial::wide::Wide;
-use phipsi_spatial::{ArticulatedInertia, Motion, Scalar, SixLanes, Wrench};
+use phipsi_spatial::{ArticulatedInertia, Motion, RigidInertia, Scalar, SixLanes, Sym3, Vec3, Wrench};
 
+mod limbs;
 mod packed;
 
+pub(super) use limbs::LimbFilter;
+use limbs::OfLimbs;
 use packed::OwnNumbers;
-
-/// P and z of an eliminated body, about its parent's origin.
-type Moved<T> = (ArticulatedInertia<T>, Wrench<T>);
 
 /// A D below this multiple of ε, against the inertia that it is a sum of, may be rounding alone: an axis that was turned into those of the
 /// ground does not find an exact zero again. At most ten roundings turn an inertia, and six take its components along an axis.
@@ -34,6 +36,8 @@ pub(super) struct Filter<T: Scalar> {
     /// The same where six-vectors are in lanes.
     packed: Waiting<Packed<T::Six>>,
     own: OwnNumbers<T>,
+    /// Limbs in lanes, group by group.
+    limbs: Vec<OfLimbs<T>>,
 }
 
 /// What children gave, that of the first one in hand.
@@ -62,11 +66,14 @@ pub(super) struct Sweep<'a, 'b, T: Scalar> {
 }
 
 impl<T: Scalar> Filter<T> {
-    pub(super) fn new(layout: &Layout<T::Constant>, places: &Places) -> Self {
+    /// Of a `lone` state limbs may be in lanes.
+    pub(super) fn new(layout: &Layout<T::Constant>, places: &Places, lone: bool) -> Self {
+        let plan = layout.limbs.as_deref().filter(|_| lone);
         Filter {
             numbers: Waiting::new(layout, Carried::zero()),
             packed: Waiting::new(layout, Packed::zero::<T>()),
             own: OwnNumbers::new(places),
+            limbs: plan.map_or(Vec::new(), |plan| OfLimbs::of_all(plan, places)),
         }
     }
     /// Tip to base; of a `lone` state in the lanes of the processor, if that is faster.
@@ -76,11 +83,13 @@ impl<T: Scalar> Filter<T> {
         lone: bool,
         sweep: &mut Sweep<'_, '_, T>,
     ) -> Result<(), DynamicsError> {
+        self.numbers.pending.clear();
+        self.packed.pending.clear();
         if !lone || !<T::Six as SixLanes<T>>::is_fast() {
-            return inward(&mut self.numbers, &[], sweep);
+            return inward(&mut self.numbers, &[], sweep, 0..sweep.layout.len());
         }
         self.own.gather::<W>(sweep.places, &mut sweep.view);
-        inward(&mut self.packed, self.own.all(), sweep)
+        inward(&mut self.packed, self.own.all(), sweep, 0..sweep.layout.len())
     }
 }
 
@@ -101,17 +110,18 @@ trait Carried<T: Scalar>: Copy {
     ) -> Result<(), DynamicsError>;
 }
 
+/// Some bodies, of which no other gives to those inboard.
 #[inline(always)]
 fn inward<T: Scalar, X: Carried<T>>(
     Waiting { pending, hand }: &mut Waiting<X>,
     own: &[T],
     sweep: &mut Sweep<'_, '_, T>,
+    numbers: Range<usize>,
 ) -> Result<(), DynamicsError> {
-    pending.clear();
     let layout = sweep.layout;
     let (bodies, first) = (layout.bodies(), &sweep.places.first[..layout.len()]);
-    let mut k = bodies.len();
-    while k > 0 {
+    let mut k = numbers.end;
+    while k > numbers.start {
         k -= 1;
         let body = &bodies[k];
         pending.gather(body, hand, |sum, x| sum.add(x));
@@ -172,39 +182,91 @@ impl<T: Scalar> Carried<T> for Moved<T> {
         place: usize,
         Sweep { layout, view, gains, residuals, .. }: &mut Sweep<'_, '_, T>,
     ) -> Result<(), DynamicsError> {
-        let ((P, z), here) = (self, view.at(place));
-        *P = P.plus_rigid(&here.rigid(COMPOSITE));
-        *z += here.wrench::<T>(FORCE);
-        let root = body.parent == GROUND;
-        if !root {
-            *z += P.times(here.motion(ALPHA));
+        let (at, root) = (view.lane(Table::<T, ROWS>::start(place)), body.parent == GROUND);
+        match pass_axis::<T, _, LINEAR>(self, &at, root, residuals[body.v]) {
+            Ok(Passed { gain, inverse, nu }) => {
+                gains.set(place, gain, inverse);
+                residuals[body.v] = nu;
+                Ok(())
+            }
+            Err(D) => Err(layout.singular(body.v, D.min_lane())),
         }
-        let s = here.vector::<T>(AXIS);
-        let mut U = Wrench::new(P.inertia * s, P.coupling.transpose_mul(s));
-        let mut D = s.dot(U.moment);
-        let mut along = s.dot(z.moment);
-        let mut scale = P.inertia.xx + P.inertia.yy + P.inertia.zz;
-        if LINEAR {
-            let b = here.vector::<T>(AXIS + 3);
-            U += Wrench::new(P.coupling * b, P.mass * b);
-            D = s.dot(U.moment) + b.dot(U.force);
-            along += b.dot(z.force);
-            scale = s.dot(s) * scale + b.dot(b) * (P.mass.xx + P.mass.yy + P.mass.zz);
-        }
-        let inverse = pivot(layout, body.v, D, scale)?;
-        let gain = U.scale(inverse);
-        gains.set(place, gain, inverse);
-        let innovation = residuals[body.v] - along;
-        residuals[body.v] = innovation * inverse;
-        if root {
-            return Ok(());
-        }
+    }
+}
+
+/// What the filter keeps of an axis.
+struct Passed<T> {
+    gain: Wrench<T>,
+    inverse: T,
+    nu: T,
+}
+
+/// The numbers of a body that a step reads, by rows of the table.
+trait Numbers<T: Scalar> {
+    fn get(&self, row: usize) -> T;
+    #[inline(always)]
+    fn vector(&self, row: usize) -> Vec3<T> {
+        Vec3([self.get(row), self.get(row + 1), self.get(row + 2)])
+    }
+    #[inline(always)]
+    fn motion(&self, row: usize) -> Motion<T> {
+        Motion::new(self.vector(row), self.vector(row + 3))
+    }
+}
+
+impl<T: Scalar> Numbers<T> for Lane<'_, T, ROWS> {
+    #[inline(always)]
+    fn get(&self, row: usize) -> T {
+        Lane::get(self, row)
+    }
+}
+
+/// Past a joint of one axis, to the parent's origin, under the force T of the joint. On failure D.
+#[inline(always)]
+fn pass_axis<T: Scalar, N: Numbers<T>, const LINEAR: bool>(
+    (P, z): &mut Moved<T>,
+    here: &N,
+    root: bool,
+    force: T,
+) -> Result<Passed<T>, T> {
+    *P = P.plus_rigid(&own_inertia(here));
+    let turning = here.motion(FORCE);
+    *z += Wrench::new(turning.angular, turning.linear);
+    if !root {
+        *z += P.times(here.motion(ALPHA));
+    }
+    let s = here.vector(AXIS);
+    let mut U = Wrench::new(P.inertia * s, P.coupling.transpose_mul(s));
+    let mut D = s.dot(U.moment);
+    let mut along = s.dot(z.moment);
+    let mut scale = P.inertia.xx + P.inertia.yy + P.inertia.zz;
+    if LINEAR {
+        let b = here.vector(AXIS + 3);
+        U += Wrench::new(P.coupling * b, P.mass * b);
+        D = s.dot(U.moment) + b.dot(U.force);
+        along += b.dot(z.force);
+        scale = s.dot(s) * scale + b.dot(b) * (P.mass.xx + P.mass.yy + P.mass.zz);
+    }
+    let inverse = reciprocal(D, scale)?;
+    let gain = U.scale(inverse);
+    let innovation = force - along;
+    if !root {
         *z = gain.scale_add(innovation, *z);
         P.subtract_outer(gain, U);
-        let d = here.vector::<T>(OFFSET);
+        let d = here.vector(OFFSET);
         z.moment = d.cross_add(z.force, z.moment);
         *P = P.shifted(d);
-        Ok(())
+    }
+    Ok(Passed { gain, inverse, nu: innovation * inverse })
+}
+
+#[inline(always)]
+fn own_inertia<T: Scalar, N: Numbers<T>>(here: &N) -> RigidInertia<T> {
+    let ([xx, xy, xz], [yy, yz, zz]) = (here.vector(COMPOSITE + 4).0, here.vector(COMPOSITE + 7).0);
+    RigidInertia {
+        mass: here.get(COMPOSITE),
+        first_moment: here.vector(COMPOSITE + 1),
+        inertia: Sym3 { xx, xy, xz, yy, yz, zz },
     }
 }
 
@@ -269,8 +331,14 @@ fn pass_joint<T: Scalar>(
 /// 1/D, where D is more than rounding of `scale`.
 #[inline(always)]
 fn pivot<T: Scalar>(layout: &Layout<T::Constant>, v: usize, D: T, scale: T) -> Result<T, DynamicsError> {
-    let least = T::splat(ROUNDING * T::Constant::EPSILON) * scale;
-    if (D - least).is_positive() { Ok(D.recip()) } else { Err(layout.singular(v, D.min_lane())) }
+    reciprocal(D, scale).map_err(|D| layout.singular(v, D.min_lane()))
+}
+
+/// The same; on failure D.
+#[inline(always)]
+fn reciprocal<T: Scalar>(D: T, scale: T) -> Result<T, T> {
+    let least = T::splat(ROUNDING * T::EPSILON) * scale;
+    if (D - least).is_positive() { Ok(D.recip()) } else { Err(D) }
 }
 
 /// θ̈ of a joint from ν, and α from α⁺.
@@ -333,7 +401,7 @@ mod tests {
             let mut sweeps = DerivativeSweeps::<f64>::new(&layout);
             let mut shifts = Shifts::new(&layout);
             shifts.set_all(&layout, &case.q);
-            let mut filter = Filter::<f64>::new(&layout, &sweeps.places);
+            let mut filter = Filter::<f64>::new(&layout, &sweeps.places, false);
             let mut innovations = Innovations::<f64>::with_products(&layout, &sweeps.places, 0);
             let mut results = [const { Vec::new() }; 2];
             for (packed, result) in results.iter_mut().enumerate() {
@@ -341,12 +409,13 @@ mod tests {
                 let (places, mut residuals) = (&sweeps.places, case.tau.clone());
                 let (view, gains) = (sweeps.table.view(), innovations.gains());
                 let mut sweep = Sweep { layout: &layout, places, view, gains, residuals: &mut residuals };
+                let all = 0..layout.len();
                 if packed == 1 {
                     filter.own = OwnNumbers::with_room(places);
                     filter.own.gather::<f64>(places, &mut sweep.view);
-                    inward(&mut filter.packed, filter.own.all(), &mut sweep).unwrap();
+                    inward(&mut filter.packed, filter.own.all(), &mut sweep, all).unwrap();
                 } else {
-                    inward(&mut filter.numbers, &[], &mut sweep).unwrap();
+                    inward(&mut filter.numbers, &[], &mut sweep, all).unwrap();
                 }
                 for place in places.margin..places.count {
                     result.extend(sweep.gains.gain(place).to_array());
