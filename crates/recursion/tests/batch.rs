@@ -8,7 +8,7 @@ use phipsi_recursion as fast;
 use phipsi_recursion::batch::{Input, StateKernel, kernels, run_batch};
 use phipsi_recursion::{About, DynamicsError, Layout};
 use phipsi_reference as slow;
-use phipsi_reference::generate::{Case, case};
+use phipsi_reference::generate::{Case, Limits, case, case_within};
 use phipsi_reference::sensitivity::widened;
 use phipsi_spatial::lanes::{Fused, Level};
 use phipsi_spatial::{Vec3, Wrench};
@@ -393,4 +393,57 @@ fn shapes_are_refused() {
     assert!(refused(&[Input::same(&s.q[..nq - 1])], &mut out));
     assert!(refused(&[Input::each(&s.q, nq)], &mut out[1..]));
     assert!(run_batch(&kernel, Level::best(), &[Input::each(&s.q, nq)], 2, &mut out).is_ok());
+}
+
+/// Inputs that are to be checked are refused where they are not finite, also where no result depends on them; the first state is told.
+#[test]
+fn inputs_that_are_not_finite_are_found() {
+    let s = States::new(3);
+    let kernel = kernels::MassMatrix { layout: &s.layout };
+    let (nv, size) = (s.case.model.nv(), s.case.model.nv() * s.case.model.nv());
+    let mut extra = vec![1.0; 2 * STATES];
+    (extra[2 * 11 + 1], extra[2 * 15]) = (f64::NAN, f64::INFINITY);
+    assert!(nv > 0);
+    let mut out = vec![0.0; STATES * size];
+    for level in levels() {
+        let q = Input::each(&s.q, s.case.model.nq()).checked();
+        let other = Input::each(&extra, 2);
+        run_batch(&kernel, level, &[q, other], STATES, &mut out).expect("nobody looks at the second input");
+        let (state, error) = run_batch(&kernel, level, &[q, other.checked()], STATES, &mut out).unwrap_err();
+        assert_eq!(state, 11);
+        assert!(matches!(error, DynamicsError::InputNotFinite { input: 1, index: 1, .. }), "{error}");
+    }
+}
+
+/// Matrices so large that states go one by one have the bits of single states, too, and the derivatives those of each other.
+#[test]
+fn large_matrices_have_the_bits_of_one_state() {
+    let limits = Limits { degrees_of_freedom: 130, decades: 0.0 };
+    let case = case_within(5, limits);
+    let (layout, nv) = (Layout::new(&case.model), case.model.nv());
+    assert!(nv >= 128, "{nv}");
+    let count = 3;
+    let (mut q, mut v) = (Vec::new(), Vec::new());
+    for seed in 0..count as u64 {
+        let state = case.model.random_state(seed);
+        q.extend(state.q);
+        v.extend(state.v);
+    }
+    let inputs = [Input::each(&q, case.model.nq()), Input::each(&v, nv), Input::each(&v, nv)];
+    let kernel = kernels::InverseDynamicsDerivatives { layout: &layout, loaded: &[] };
+    let size = 3 * nv * nv;
+    let mut one_by_one = vec![0.0; count * size];
+    for i in 0..count {
+        let own = [
+            Input::same(&q[i * case.model.nq()..][..case.model.nq()]),
+            Input::same(&v[i * nv..][..nv]),
+            Input::same(&v[i * nv..][..nv]),
+        ];
+        run_batch(&kernel, Level::Scalar, &own, 1, &mut one_by_one[i * size..][..size]).unwrap();
+    }
+    for level in levels() {
+        let mut out = vec![0.0; count * size];
+        run_batch(&kernel, level, &inputs, count, &mut out).unwrap();
+        assert_eq!(bits(&out), bits(&one_by_one), "{}", level.name());
+    }
 }

@@ -14,6 +14,12 @@ use phipsi_model::Model;
 use phipsi_spatial::lanes::Lanes;
 use phipsi_spatial::{Vec3, Wrench};
 
+/// True of matrices with a column for each degree of freedom.
+fn has_columns(layout: &Layout<f64>, size: usize) -> bool {
+    let square = layout.nv() * layout.nv();
+    !layout.is_flexible() && size >= square
+}
+
 /// Kernels that hold no more than a layout.
 macro_rules! on_layout {
     ($(#[$doc:meta] $name:ident: $work:ty, |$layout:ident, $w:ident, $inputs:ident, $out:ident| $run:expr;)*) => {$(
@@ -37,6 +43,9 @@ macro_rules! on_layout {
             ) -> Result<(), DynamicsError> {
                 let $layout = self.layout;
                 $run
+            }
+            fn has_columns(&self, size: usize) -> bool {
+                has_columns(self.layout, size)
             }
         }
     )*};
@@ -131,6 +140,9 @@ macro_rules! loaded {
                 let $wrenches = loads(self.loaded, inputs, 3, wrenches);
                 let ($layout, $q, $v, $x) = (self.layout, &inputs[0], &inputs[1], &inputs[2]);
                 $run
+            }
+            fn has_columns(&self, size: usize) -> bool {
+                has_columns(self.layout, size)
             }
         }
     )*};
