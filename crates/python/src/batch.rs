@@ -20,8 +20,11 @@ use std::borrow::Cow;
 /// Work that one task of a thread takes, in numbers of states × degrees of freedom.
 const GRAIN: usize = 1024;
 
-/// Numbers of a result that are copied into an array of NumPy's own.
+/// Numbers of a result that are copied into an array of NumPy's own, and of an argument that are copied without a lock.
 const SMALL: usize = 512;
+
+/// Numbers of a result that several threads are worth to clear.
+const MANY: usize = 256 * 1024;
 
 /// Real numbers of an argument: batch axes, then the axes of one state.
 pub struct Argument {
@@ -154,6 +157,9 @@ impl Batch {
     /// `ArgumentError` with both arguments and shapes.
     pub fn of<'a>(py: Python<'_>, arguments: impl IntoIterator<Item = &'a mut Argument>) -> PyResult<Self> {
         let mut arguments: Vec<&mut Argument> = arguments.into_iter().collect();
+        if arguments.iter().all(|argument| argument.is_single()) {
+            return Ok(Batch { shape: Vec::new(), count: 1 });
+        }
         let rank = arguments.iter().map(|a| a.batch.len()).max().unwrap_or(0);
         let mut shape = vec![1; rank];
         // The argument that gave each axis its size.
@@ -196,9 +202,11 @@ impl Batch {
         inputs: &[Input<'_>],
         size: usize,
     ) -> Result<Vec<f64>, (usize, Failure)> {
-        let mut out = vec![0.0; self.count * size];
-        let done = py.detach(|| run_batch(kernel, Level::best(), inputs, self.count, &mut out));
-        done.map(|()| out).map_err(|(state, e)| (state, e.into()))
+        let run = || {
+            let mut out = zeros(self.count * size);
+            run_batch(kernel, Level::best(), inputs, self.count, &mut out).map(|()| out)
+        };
+        py.detach(run).map_err(|(state, e)| (state, e.into()))
     }
     /// Runs `body(workspace, state, out)` for every state, `size` numbers each, with the interpreter released.
     ///
@@ -276,6 +284,16 @@ pub fn array<'py>(
     if shape.len() == 1 { Ok(flat.to_dyn().clone()) } else { flat.reshape(shape) }
 }
 
+/// As many zeros; of many, each thread writes some.
+fn zeros(count: usize) -> Vec<f64> {
+    if count < MANY {
+        return vec![0.0; count];
+    }
+    let mut zeros = Vec::new();
+    rayon::iter::repeat_n(0.0, count).collect_into_vec(&mut zeros);
+    zeros
+}
+
 /// A copy, and true if all numbers are finite: each piece is looked at while it is in the cache.
 pub fn copied(x: &[f64]) -> (Buffer, bool) {
     let (mut copy, mut finite) = (Buffer::of(x.len()), true);
@@ -304,11 +322,19 @@ fn numbers(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Buffer, bool, Vec
     // A slice alone also takes Fortran order, in memory order.
     if let Ok(array) = object.cast::<PyArrayDyn<f64>>()
         && array.is_c_contiguous()
-        && let Ok(view) = array.try_readonly()
-        && let Ok(data) = view.as_slice()
     {
-        let (data, finite) = copied(data);
-        return Ok((data, finite, array.shape().to_vec()));
+        if array.len() <= SMALL
+            && let Ok(data) = array.to_vec()
+        {
+            let finite = all_finite(&data);
+            return Ok((data.into(), finite, array.shape().to_vec()));
+        }
+        if let Ok(view) = array.try_readonly()
+            && let Ok(data) = view.as_slice()
+        {
+            let (data, finite) = copied(data);
+            return Ok((data, finite, array.shape().to_vec()));
+        }
     }
     let type_error = |found: String, cause: Option<PyErr>| {
         let message = format!("`{name}` holds {found}, but real numbers are required");

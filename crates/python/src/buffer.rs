@@ -31,6 +31,12 @@ impl Buffer {
     }
 }
 
+impl From<Vec<f64>> for Buffer {
+    fn from(x: Vec<f64>) -> Self {
+        Buffer(x)
+    }
+}
+
 impl Deref for Buffer {
     type Target = [f64];
     #[inline]

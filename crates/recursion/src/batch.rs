@@ -290,7 +290,7 @@ impl<K: StateKernel> Visitor for Blocks<'_, K> {
             T::dispatch(Block { work, first: index * states, out, scratch })
         };
         #[cfg(feature = "parallel")]
-        if count > states {
+        if count > states && crate::branching::several_threads() {
             use rayon::prelude::*;
             let chunks = self.out.par_chunks_mut(states * size).enumerate();
             return chunks.map_init(scratch, block).filter_map(|failed| failed).min_by_key(|failed| failed.0);
