@@ -66,8 +66,12 @@ impl<C: Real> LimbPlan<C> {
             return None;
         }
         let size = subtree_sizes(bodies);
+        let found = alike(bodies, &size);
+        if found.is_empty() {
+            return None;
+        }
         let (mut groups, mut limbs, mut whole) = (Vec::new(), Vec::new(), layout.clone());
-        for roots in alike(bodies, &size) {
+        for roots in found {
             let group = groups.len();
             let of_group = Limbs::new(bodies, &roots, size[roots[0]]);
             // Given by the limb that stands first: it may follow its parent.
@@ -79,9 +83,6 @@ impl<C: Real> LimbPlan<C> {
                 whole.bodies[of_group.parents[0]].children -= roots.len() - 1;
             }
             groups.push(of_group);
-        }
-        if groups.is_empty() {
-            return None;
         }
         limbs.sort_unstable_by_key(|(root, _)| *root);
         let (mut trunk, mut start) = (Vec::with_capacity(limbs.len() + 1), 0);
@@ -159,7 +160,7 @@ fn subtree_sizes<C>(bodies: &[LayoutBody<C>]) -> Vec<usize> {
 
 /// First bodies of limbs that are alike and do not overlap, group by group, the largest limbs first.
 fn alike<C>(bodies: &[LayoutBody<C>], size: &[usize]) -> Vec<Vec<usize>> {
-    let shapes = shapes(bodies);
+    let shapes = shapes(bodies, size);
     let mut of_shape: HashMap<usize, Vec<usize>> = HashMap::new();
     for (k, shape) in shapes.iter().enumerate() {
         if let Some(shape) = shape
@@ -185,23 +186,28 @@ fn alike<C>(bodies: &[LayoutBody<C>], size: &[usize]) -> Vec<Vec<usize>> {
     groups
 }
 
-/// A number for the shape of each subtree of hinges and sliders: kinds of joints, and the order of children.
-fn shapes<C>(bodies: &[LayoutBody<C>]) -> Vec<Option<usize>> {
+/// A number for the shape of each subtree that can be a limb: kinds of joints, and the order of children.
+fn shapes<C>(bodies: &[LayoutBody<C>], size: &[usize]) -> Vec<Option<usize>> {
     let mut known: HashMap<(bool, Vec<usize>), usize> = HashMap::new();
-    let mut children: Vec<Vec<Option<usize>>> = vec![Vec::new(); bodies.len()];
     let mut shapes = vec![None; bodies.len()];
+    // Of the subtrees seen so far whose parents are yet to come, tip to base; nothing for one that is no limb.
+    let mut waiting: Vec<Option<usize>> = Vec::new();
     for (k, body) in bodies.iter().enumerate().rev() {
-        let outboard: Option<Vec<usize>> = core::mem::take(&mut children[k]).into_iter().collect();
-        shapes[k] = match (&body.hinge, outboard) {
-            (Hinge::Revolute | Hinge::Prismatic, Some(outboard)) => {
-                let next = known.len();
-                let key = (matches!(body.hinge, Hinge::Revolute), outboard);
-                Some(*known.entry(key).or_insert(next))
-            }
+        let outboard = waiting.split_off(waiting.len().saturating_sub(body.children));
+        let slides = match body.hinge {
+            Hinge::Revolute => Some(false),
+            Hinge::Prismatic => Some(true),
             _ => None,
         };
+        if size[k] < BODIES.end
+            && let Some(slides) = slides
+            && let Some(outboard) = outboard.into_iter().collect::<Option<Vec<usize>>>()
+        {
+            let next = known.len();
+            shapes[k] = Some(*known.entry((slides, outboard)).or_insert(next));
+        }
         if body.parent != GROUND {
-            children[body.parent].push(shapes[k]);
+            waiting.push(shapes[k]);
         }
     }
     shapes
