@@ -23,7 +23,7 @@ const GRAIN: usize = 1024;
 /// Numbers of a result that are copied into an array of NumPy's own, and of an argument that are copied without a lock.
 const SMALL: usize = 512;
 
-/// Numbers of a result that several threads are worth to clear.
+/// Numbers of a result, 2 MiB, that several threads are worth to clear (an estimate).
 const MANY: usize = 256 * 1024;
 
 /// Real numbers of an argument: batch axes, then the axes of one state.

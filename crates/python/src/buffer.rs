@@ -8,7 +8,7 @@ use std::ops::Deref;
 use std::sync::{Mutex, PoisonError};
 
 /// Numbers from which a buffer is kept: about where an allocator turns to the system.
-const LARGE: usize = 16 * 1024;
+pub const LARGE: usize = 16 * 1024;
 
 /// Numbers that are kept in all, 128 MiB of them: three arguments of 10⁵ states of fifty numbers.
 const KEPT: usize = 16 * 1024 * 1024;

@@ -5,14 +5,12 @@
 //! found where it is read, and told as if all arguments had been looked at first.
 
 use crate::batch::{Argument, Batch, all_finite, copied};
+use crate::buffer::LARGE;
 use crate::compiled::Compiled;
 use crate::errors::Failure;
 use numpy::{PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use phipsi::recursion::batch::{Input, StateKernel};
 use pyo3::prelude::*;
-
-/// Numbers from which an argument is not copied.
-const LARGE: usize = 16 * 1024;
 
 /// How the numbers of an argument are called in errors.
 pub type Place = fn(&Compiled, usize) -> String;

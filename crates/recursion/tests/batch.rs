@@ -415,7 +415,7 @@ fn inputs_that_are_not_finite_are_found() {
     }
 }
 
-/// Matrices so large that states go one by one have the bits of single states, too, and the derivatives those of each other.
+/// Matrices so large that states go one by one have the bits of single states, too.
 #[test]
 fn large_matrices_have_the_bits_of_one_state() {
     let limits = Limits { degrees_of_freedom: 130, decades: 0.0 };

@@ -45,15 +45,21 @@ pub(super) fn cut_large<C: Scalar>(bodies: &[LayoutBody<C>]) -> Option<Branch> {
 
 /// The whole tree as a branch, cut into branches of `least` bodies or more; nothing if there are no two to cut.
 pub(super) fn cut<C: Scalar>(bodies: &[LayoutBody<C>], least: usize) -> Option<Branch> {
+    let size = subtree_sizes(bodies);
+    let tree = Tree { bodies, size: &size, least: least.max(1) };
+    let whole = tree.branch(0..bodies.len())?;
+    if whole.branches.is_empty() { None } else { Some(whole) }
+}
+
+/// Bodies of each subtree.
+pub(super) fn subtree_sizes<C>(bodies: &[LayoutBody<C>]) -> Vec<usize> {
     let mut size = vec![1; bodies.len()];
     for (k, body) in bodies.iter().enumerate().rev() {
         if body.parent != GROUND {
             size[body.parent] += size[k];
         }
     }
-    let tree = Tree { bodies, size: &size, least: least.max(1) };
-    let whole = tree.branch(0..bodies.len())?;
-    if whole.branches.is_empty() { None } else { Some(whole) }
+    size
 }
 
 struct Tree<'a, C> {
