@@ -36,6 +36,22 @@ impl<'a, T: Scalar> Composites<'a, T> {
         pending.clear();
         Composites { layout, shifts, pending, hand: RigidInertia::zero() }
     }
+    /// φ R φ* of the limb that begins with body `root`, in place of its bodies.
+    #[inline(always)]
+    pub(crate) fn take(&mut self, root: usize, moved: &RigidInertia<T>) {
+        let body = &self.layout.bodies[root];
+        if body.follows_parent(root) {
+            let own = RigidInertia::constant(&self.layout.bodies[body.parent].inertia);
+            self.hand = *moved + own;
+        } else if body.parent != GROUND {
+            self.pending.put(moved);
+        }
+    }
+    /// φ R φ* of the first body, whose parent is in another tree.
+    #[inline(always)]
+    pub(crate) fn given(&mut self) -> RigidInertia<T> {
+        *self.pending.take()
+    }
     /// R of body `k`, after all bodies that are stored after it.
     #[inline(always)]
     pub(crate) fn next(&mut self, k: usize, body: &LayoutBody<T::Constant>) -> RigidInertia<T> {

@@ -29,7 +29,7 @@ use crate::ground_axes::{
 };
 use crate::hinge::{Hinge, combine};
 use crate::layout::{GROUND, Layout, LayoutBody, Shifts};
-use crate::places::{Group, Places, Table, View, mirror};
+use crate::places::{Group, Places, Table, View};
 use core::marker::PhantomData;
 use phipsi_spatial::wide::{Wide, WideKernel};
 use phipsi_spatial::{Motion, RigidInertia, Scalar, Vec3, Wrench};
@@ -168,7 +168,7 @@ impl<T: Scalar> WideKernel<T> for Derive<'_, T> {
         sweeps.move_bodies::<true, W>(layout, shifts, v, a);
         sweeps.run::<true, W>(layout);
         let (places, derivatives) = (&sweeps.places, &mut sweeps.meetings);
-        mirror::<T, W>(&mut derivatives.d_da, places.count, places.stride);
+        places.mirror::<T, W>(0, places.stride, &mut derivatives.d_da);
         derivatives.rates.write::<W>(places, [d_dq, d_dv]);
         places.write_all::<T, W>(&derivatives.d_da, d_da);
     }

@@ -29,7 +29,7 @@ mod shifts;
 pub use crate::link::Shift;
 use arrange::{Raw, arrange};
 pub(crate) use branches::{Branch, carve};
-pub(crate) use limbs::{LimbPlan, Limbs};
+pub(crate) use limbs::{Gift, LimbPlan, Limbs};
 pub(crate) use pending::Pending;
 pub(crate) use shifts::{Passage, ShiftRun, Shifts, TOGETHER};
 
@@ -308,11 +308,12 @@ impl<C: Scalar> Layout<C> {
     /// Bodies in lanes, for the sweeps of dynamics. Each has one degree of freedom.
     fn of_limbs(bodies: Vec<LayoutBody<C>>, waiting: usize) -> Self {
         let n = bodies.len();
+        let outboard_dofs = branches::subtree_sizes(&bodies);
         Layout {
             bodies,
             carriers: Vec::new(),
             waiting,
-            outboard_dofs: Vec::new(),
+            outboard_dofs,
             rigid: Vec::new(),
             branches: None,
             limbs: None,

@@ -1,7 +1,7 @@
 //! Numbers of limbs that are alike into lanes and back ([`crate::layout::LimbPlan`]).
 
 use crate::layout::Limbs;
-use phipsi_spatial::{Abreast, ArticulatedInertia, Mat3, Scalar, Sym3, Vec3, Wrench};
+use phipsi_spatial::{Abreast, ArticulatedInertia, Mat3, RigidInertia, Scalar, Sym3, Vec3, Wrench};
 
 /// P and z of an eliminated body.
 pub(crate) type Moved<T> = (ArticulatedInertia<T>, Wrench<T>);
@@ -64,6 +64,25 @@ pub(crate) fn give<T: Scalar>(
     }
 }
 
+/// The same of rigid inertias.
+#[inline(always)]
+pub(crate) fn give_rigid<T: Scalar>(
+    limbs: &Limbs<T::Constant>,
+    moved: &RigidInertia<T::Abreast>,
+    gifts: &mut [RigidInertia<T>; 4],
+) {
+    match (limbs.together, limbs.count) {
+        (true, 3) => gifts[0] = one_of_rigid::<T, Total<3>>(moved),
+        (true, _) => gifts[0] = one_of_rigid::<T, Total<4>>(moved),
+        _ => {
+            gifts[0] = one_of_rigid::<T, Lane<0>>(moved);
+            gifts[1] = one_of_rigid::<T, Lane<1>>(moved);
+            gifts[2] = one_of_rigid::<T, Lane<2>>(moved);
+            gifts[3] = one_of_rigid::<T, Lane<3>>(moved);
+        }
+    }
+}
+
 /// How numbers become one.
 trait One {
     fn of<T: Scalar>(x: T::Abreast) -> T;
@@ -107,4 +126,13 @@ fn one_of_moved<T: Scalar, O: One>((P, z): &Moved<T::Abreast>) -> Moved<T> {
     let (inertia, mass) = (one_of_symmetric::<T, O>(&P.inertia), one_of_symmetric::<T, O>(&P.mass));
     let (moment, force) = (one_of_vector::<T, O>(z.moment.0), one_of_vector::<T, O>(z.force.0));
     (ArticulatedInertia { inertia, coupling: Mat3(rows), mass }, Wrench::new(Vec3(moment), Vec3(force)))
+}
+
+#[inline(always)]
+fn one_of_rigid<T: Scalar, O: One>(R: &RigidInertia<T::Abreast>) -> RigidInertia<T> {
+    RigidInertia {
+        mass: O::of::<T>(R.mass),
+        first_moment: Vec3(one_of_vector::<T, O>(R.first_moment.0)),
+        inertia: one_of_symmetric::<T, O>(&R.inertia),
+    }
 }

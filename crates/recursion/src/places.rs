@@ -13,18 +13,14 @@ use phipsi_spatial::{Mat3, Motion, Scalar, Sym3, Vec3, Wrench};
 /// Rows that a product takes at once.
 pub(crate) const ROWS: usize = 4;
 
-/// Tiles of zeros are not written one by one if more than one of so many is. An estimate: a tile takes some 130 instructions (15 tiles of
-/// a quadruped's mass matrix, AVX2, callgrind), clearing its share of a matrix a few.
-const ZERO_TILES: usize = 16;
-
 mod aligned;
+mod mirror;
 mod pair;
-mod panels;
 mod rows;
 
 pub(crate) use aligned::Aligned;
+pub(crate) use mirror::each_place;
 pub(crate) use pair::{Pair, PairRows, PairView};
-pub(crate) use panels::{Panels, each_place};
 pub(crate) use rows::{Rows, RowsMut};
 
 /// Where degrees of freedom are.
@@ -48,14 +44,11 @@ pub(crate) struct Places {
     with_bodies: [Vec<usize>; 4],
     /// Degree of freedom of the model at every place.
     dof: Vec<usize>,
-    /// One past the last place outboard of every place; nothing is outboard of the empty ones.
-    outboard: Vec<usize>,
-    /// The same of registers of 1, 2, 4 and 8 places, one after the other.
+    /// One past the last place outboard of any place of a register, for registers of 1, 2, 4 and 8 places, one after the other; nothing is
+    /// outboard of the empty places.
     outboard_of_registers: [Vec<usize>; 4],
-    /// See [`Places::clears`], for the same registers.
-    clears: [bool; 4],
     /// True if the model's order is that of the places.
-    in_order: bool,
+    pub(crate) in_order: bool,
 }
 
 impl Places {
@@ -89,13 +82,6 @@ impl Places {
         let outboard_of_registers: [Vec<usize>; 4] = widths.map(|width| {
             outboard.chunks(width).map(|ends| ends.iter().copied().fold(0, usize::max)).collect()
         });
-        // A few tiles of zeros are written one by one.
-        let clears = [0, 1, 2, 3].map(|i| {
-            let (ends, width, all) = (&outboard_of_registers[i], widths[i], count.div_ceil(widths[i]));
-            let zeros = |group: usize| all.saturating_sub(ends[group].div_ceil(width).max(group + 1));
-            let zeros: usize = (margin / width..ends.len()).map(zeros).sum();
-            zeros > 0 && (!in_order || width == 1 || ZERO_TILES * zeros > all * all)
-        });
         Places {
             first,
             end,
@@ -106,9 +92,7 @@ impl Places {
             several,
             with_bodies,
             dof,
-            outboard,
             outboard_of_registers,
-            clears,
             in_order,
         }
     }
@@ -139,11 +123,6 @@ impl Places {
     /// Pairs of a degree of freedom with one that is not inboard of it.
     pub(crate) fn pairs(&self) -> usize {
         (0..self.first.len()).map(|k| (self.end[k] - self.first[k]) * self.own(k).len()).sum()
-    }
-    /// True if zeros are written before the entries of [`Places::write_symmetric`] in registers of `width`.
-    #[inline(always)]
-    pub(crate) fn clears(&self, width: usize) -> bool {
-        self.clears[width.trailing_zeros() as usize & 3]
     }
     /// A matrix of zeros.
     pub(crate) fn zeros<T: Scalar>(&self) -> Aligned<T> {
@@ -207,34 +186,6 @@ fn copy_whole<T: Scalar, W: Wide<T>>(from: &[T], to: &mut [T]) {
     }
     for (from, to) in from.chunks_exact(W::COUNT).zip(to.chunks_exact_mut(W::COUNT)) {
         W::load(from).store(to);
-    }
-}
-
-/// Copies the upper triangle of a matrix of `n` rows to the lower one, in tiles.
-#[inline(always)]
-pub(crate) fn mirror<T: Scalar, W: Wide<T>>(out: &mut [T], n: usize, stride: usize) {
-    let width = W::COUNT;
-    if width == 1 {
-        for row in 0..n {
-            for column in row + 1..n {
-                out[column * stride + row] = out[row * stride + column];
-            }
-        }
-        return;
-    }
-    for top in (0..n).step_by(width) {
-        let below = width.min(n - top);
-        for left in (0..=top).step_by(width) {
-            let mut tile = [W::zero(); WIDEST];
-            for i in 0..width.min(n - left) {
-                tile[i] = W::load_first(&out[(left + i) * stride + top..][..below]);
-            }
-            W::transpose(&mut tile);
-            for i in 0..below {
-                let count = if left == top { i } else { width };
-                tile[i].store_first(&mut out[(top + i) * stride + left..][..count]);
-            }
-        }
     }
 }
 

@@ -26,6 +26,11 @@ pub trait Wide<T: Scalar>: Scalar<Constant = T::Constant> {
     /// The numbers from place `from` on and before place `to`, neither beyond [`Wide::COUNT`], to their places in the first numbers of a
     /// slice, which has as many as there are places.
     fn store_between(self, from: usize, to: usize, out: &mut [T]);
+    /// As many registers as one has numbers, from the first numbers of rows that begin at multiples of `stride` of a slice, which is checked
+    /// once; zero in others.
+    fn load_rows(stride: usize, x: &[T]) -> [Self; WIDEST];
+    /// Written to the same.
+    fn store_rows(tile: &[Self; WIDEST], stride: usize, out: &mut [T]);
     /// With another number in one place.
     fn with(self, place: usize, x: T) -> Self;
     /// The numbers before place `place`, and those of `others` from there on.
@@ -74,6 +79,16 @@ impl<T: Scalar> Wide<T> for T {
         if from == 0 && to == 1 {
             out[0] = self;
         }
+    }
+    #[inline(always)]
+    fn load_rows(_: usize, x: &[T]) -> [Self; WIDEST] {
+        let mut tile = [T::zero(); WIDEST];
+        tile[0] = x[0];
+        tile
+    }
+    #[inline(always)]
+    fn store_rows(tile: &[Self; WIDEST], _: usize, out: &mut [T]) {
+        out[0] = tile[0];
     }
     #[inline(always)]
     fn with(self, _: usize, x: T) -> Self {

@@ -5,7 +5,7 @@
 //! them, are branches of their own. A subtree beside the path has at most half of the bodies, so that branches are nested
 //! no deeper than log₂ n. The cut depends on the tree alone: threads change who works, never what is computed.
 
-use super::{GROUND, LayoutBody};
+use super::LayoutBody;
 use core::ops::Range;
 use phipsi_spatial::Scalar;
 
@@ -51,12 +51,13 @@ pub(super) fn cut<C: Scalar>(bodies: &[LayoutBody<C>], least: usize) -> Option<B
     if whole.branches.is_empty() { None } else { Some(whole) }
 }
 
-/// Bodies of each subtree.
+/// Bodies of each subtree; parents may be bodies of other trees.
 pub(super) fn subtree_sizes<C>(bodies: &[LayoutBody<C>]) -> Vec<usize> {
     let mut size = vec![1; bodies.len()];
     for (k, body) in bodies.iter().enumerate().rev() {
-        if body.parent != GROUND {
-            size[body.parent] += size[k];
+        let own = size[k];
+        if let Some(parent) = size.get_mut(body.parent) {
+            *parent += own;
         }
     }
     size

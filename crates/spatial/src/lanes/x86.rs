@@ -43,6 +43,30 @@ pub struct F64x4(__m256d);
 #[repr(transparent)]
 pub struct F64x8(__m512d);
 
+/// A step for each row of a tile, whose number is a constant: an array of registers then needs no memory.
+macro_rules! each_row {
+    ($n:literal, $i:ident => $step:expr) => {
+        each_row!($n, $i => $step; 0 1 2 3 4 5 6 7)
+    };
+    ($n:literal, $i:ident => $step:expr; $($number:literal)*) => {$(
+        if $number < $n {
+            const $i: usize = $number;
+            $step
+        }
+    )*};
+}
+
+/// A slice has `count` rows of as many numbers, `stride` apart. No sum overflows: slices have fewer numbers than an eighth of what can be
+/// counted.
+#[inline(always)]
+fn check_rows(count: usize, stride: usize, x: &[Fused]) {
+    assert!(
+        stride <= x.len() && (count - 1) * stride + count <= x.len(),
+        "{count} rows that are {stride} apart in {} numbers",
+        x.len()
+    );
+}
+
 macro_rules! lanes {
     (
         $t:ident, $n:literal, $with:ident, $set:ident, $load:ident, $store:ident,
@@ -206,6 +230,19 @@ macro_rules! lanes {
             fn store_between(self, from: usize, to: usize, x: &mut [Fused]) {
                 let x = &mut x[..$n];
                 unsafe { $store_between(x, from, to, self.0) }
+            }
+            #[inline(always)]
+            fn load_rows(stride: usize, x: &[Fused]) -> [Self; WIDEST] {
+                check_rows($n, stride, x);
+                let (x, mut tile) = (x.as_ptr().cast::<f64>(), [Self::zero(); WIDEST]);
+                each_row!($n, I => tile[I] = unsafe { $t($load(x.add(I * stride))) });
+                tile
+            }
+            #[inline(always)]
+            fn store_rows(tile: &[Self; WIDEST], stride: usize, x: &mut [Fused]) {
+                check_rows($n, stride, x);
+                let x = x.as_mut_ptr().cast::<f64>();
+                each_row!($n, I => unsafe { $store(x.add(I * stride), tile[I].0) });
             }
             #[inline(always)]
             fn broadcast(x: Fused) -> Self {
