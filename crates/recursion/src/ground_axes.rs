@@ -145,6 +145,32 @@ pub(crate) fn turned<T: Scalar, W: Wide<T>, const N: usize>(
     RigidInertia { mass: own.mass, first_moment: axes * own.first_moment, inertia: own.inertia.rotate(&axes) }
 }
 
+/// Composites of all bodies, tip to base, from their own inertias.
+#[inline(always)]
+pub(crate) fn gather_composites<T: Scalar, const N: usize>(
+    layout: &Layout<T::Constant>,
+    places: &Places,
+    view: &mut View<'_, T, N>,
+) {
+    let (bodies, first) = (layout.bodies(), &places.first[..layout.len()]);
+    let mut k = bodies.len();
+    // From every tip along a run of first children, whose sum stays in registers.
+    while k > 0 {
+        k -= 1;
+        let mut R = view.at(first[k]).rigid::<T>(COMPOSITE);
+        while bodies[k].parent != GROUND {
+            let (body, d) = (&bodies[k], view.at(first[k]).vector::<T>(OFFSET));
+            let mut parent = view.at(first[body.parent]);
+            R = R.shifted_onto(d, &parent.rigid(COMPOSITE));
+            parent.set_rigid(COMPOSITE, &R);
+            if !body.follows_parent(k) {
+                break;
+            }
+            k -= 1;
+        }
+    }
+}
+
 /// An axis of a joint on the way from those outboard of it to the base; of a floating base its first one alone is passed, in the end.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Passage {

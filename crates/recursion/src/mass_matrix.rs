@@ -7,7 +7,7 @@
 //! | f | R H* of a degree of freedom, a column of φ R H* as far inboard as it has come | soa.md 3.1 |
 //!
 //! All is in the axes of the bodies, where H is a choice of components: what the joint of a body has of the columns that have come to it
-//! is a row of M. Columns lie side by side in registers, and go to the parent together.
+//! is a row of M. Columns lie side by side in registers, and go to the parent together. Deep trees go another way (`ground.rs`).
 
 use crate::error::{DynamicsError, check_length};
 use crate::flexible::Composite;
@@ -17,16 +17,14 @@ use phipsi_spatial::Scalar;
 use phipsi_spatial::wide::{Wide, WideKernel};
 
 mod entries;
+mod ground;
 mod limbs;
 mod sweep;
 
 use entries::{Rows, Scattered};
+use ground::InGround;
 use limbs::{OfLimbs, WithLimbs};
 use sweep::Work;
-
-/// Degrees of freedom from which on registers have 64 bytes, where the processor has such. An estimate: with 7 a second register of 32 bytes
-/// takes 30 instructions a body, single numbers that go at half the speed take more.
-const WIDE: usize = 32;
 
 /// Workspace of the mass matrix.
 #[derive(Clone, Debug)]
@@ -36,6 +34,8 @@ pub struct MassMatrix<T: Scalar> {
     zeros: bool,
     /// Limbs in lanes, group by group.
     limbs: Vec<OfLimbs<T>>,
+    /// For a deep tree.
+    ground: Option<InGround<T::Arithmetic>>,
     /// For a layout with flexible bodies.
     flexible: Option<Box<Composite<T>>>,
 }
@@ -43,10 +43,12 @@ pub struct MassMatrix<T: Scalar> {
 impl<T: Scalar> MassMatrix<T> {
     /// A workspace for a layout.
     pub fn new(layout: &Layout<T::Constant>) -> Self {
-        let (work, nv) = (Work::new(layout), layout.nv());
+        let work = Work::new(layout);
+        let limbs = if is_lone::<T>() { OfLimbs::of_all(layout, &work.places) } else { Vec::new() };
         MassMatrix {
-            zeros: 2 * work.places.pairs() < nv * (nv + 1),
-            limbs: if is_lone::<T>() { OfLimbs::of_all(layout, &work.places) } else { Vec::new() },
+            zeros: work.places.end.iter().any(|&end| end < work.places.count),
+            ground: if limbs.is_empty() { InGround::new(layout, &work.places) } else { None },
+            limbs,
             work,
             flexible: layout.flexible().map(|tree| Box::new(Composite::new(tree))),
         }
@@ -83,11 +85,13 @@ impl<T: Scalar> MassMatrix<T> {
                 return done;
             }
         }
-        let whole = Whole { work: self, layout, q, out };
-        if nv < WIDE {
-            T::Arithmetic::dispatch_beside_numbers(whole);
+        let MassMatrix { work, zeros, ground, .. } = self;
+        if let Some(ground) = ground {
+            T::Arithmetic::dispatch_beside_numbers(ground::Gather { work: &mut *work, ground, layout, q });
+            let (places, zeros) = (&work.places, *zeros);
+            T::Arithmetic::dispatch_wide(ground::Sweep { places, ground, zeros, nv, out });
         } else {
-            T::Arithmetic::dispatch_wide(whole);
+            T::Arithmetic::dispatch_beside_numbers(Whole::<T> { work: self, layout, q, out });
         }
         Ok(())
     }
@@ -142,3 +146,6 @@ pub fn mass_matrix<T: Scalar>(layout: &Layout<T::Constant>, q: &[T]) -> Result<V
     MassMatrix::new(layout).run(layout, q, &mut out)?;
     Ok(out)
 }
+
+#[cfg(test)]
+mod tests;

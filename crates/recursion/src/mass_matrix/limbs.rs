@@ -2,7 +2,7 @@
 //!
 //! Limbs go first; the trunk meets their composites and columns where they stand in the order of bodies.
 
-use super::entries::{Entries, Rows, Scattered};
+use super::entries::{Blocks, Entries, Rows, Scattered};
 use super::sweep::{Sweep, Work};
 use super::{MassMatrix, clear};
 use crate::error::{DynamicsError, check_length};
@@ -57,18 +57,22 @@ impl<T: Scalar> OfLimbs<T> {
     }
     /// Their composites and columns, to the trunk.
     #[inline(always)]
-    fn give(&mut self, of: &Limbs<T::Constant>, gift: &Gift, trunk: &mut Sweep<'_, T::Arithmetic>) {
+    fn give<W: Wide<T::Arithmetic>>(
+        &self,
+        of: &Limbs<T::Constant>,
+        gift: &Gift,
+        trunk: &mut Sweep<'_, T::Arithmetic>,
+    ) {
         if of.parents[gift.lane] == GROUND {
             return;
         }
         trunk.composites.take(gift.root, &self.gifts[gift.lane]);
         let lanes = if of.together { 0..of.count } else { gift.lane..gift.lane + 1 };
         let margin = self.work.places.margin;
-        let mut columns = self.work.columns.view();
         for (i, places) in self.places.iter().enumerate() {
-            let f = limbs::lanes_of_wrench::<T::Arithmetic>(columns.at(margin + i).wrench(0));
+            let f = limbs::lanes_of_wrench::<T::Arithmetic>(self.work.column(margin + i));
             for lane in lanes.clone() {
-                trunk.columns.at(places[lane]).set_wrench(0, f[lane]);
+                trunk.set_column::<W>(places[lane], &f[lane]);
             }
         }
     }
@@ -84,6 +88,10 @@ struct OfFour<'a, T: Scalar> {
 
 impl<T: Scalar> Entries<T::Abreast, T::Abreast> for OfFour<'_, T> {
     #[inline(always)]
+    fn side_by_side(&mut self, _: usize, _: usize) -> Option<&mut [T::Abreast]> {
+        None
+    }
+    #[inline(always)]
     fn put(&mut self, row: usize, at: usize, x: T::Abreast) {
         let nv = self.whole.count - self.whole.margin;
         let (rows, columns) = (&self.of.v[row - self.margin], &self.of.v[at - self.margin]);
@@ -93,6 +101,17 @@ impl<T: Scalar> Entries<T::Abreast, T::Abreast> for OfFour<'_, T> {
             self.out[i * nv + j] = x[lane];
             if !self.whole.in_order {
                 self.out[j * nv + i] = x[lane];
+            }
+        }
+    }
+}
+
+impl<T: Scalar> Blocks<T::Abreast> for OfFour<'_, T> {
+    #[inline(always)]
+    fn put_block(&mut self, first: usize, block: &[[T::Abreast; 6]; 6]) {
+        for (i, row) in block.iter().enumerate() {
+            for (j, &x) in row.iter().enumerate() {
+                self.put(first + i, first + j, x);
             }
         }
     }
@@ -153,15 +172,15 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for LimbsAndTrunk<'_, T> {
 
 /// The trunk, and limbs where they meet it.
 #[inline(always)]
-fn trunk<T: Scalar, W: Wide<T::Arithmetic>, E: Entries<T::Arithmetic, W>>(
+fn trunk<T: Scalar, W: Wide<T::Arithmetic>, E: Entries<T::Arithmetic, W> + Blocks<T::Arithmetic>>(
     sweep: &mut Sweep<'_, T::Arithmetic>,
     plan: &LimbPlan<T::Constant>,
-    limbs: &mut [OfLimbs<T>],
+    limbs: &[OfLimbs<T>],
     entries: &mut E,
 ) {
     for (bodies, gift) in plan.trunk.iter().rev() {
         if let Some(gift) = gift {
-            limbs[gift.group].give(&plan.groups[gift.group], gift, sweep);
+            limbs[gift.group].give::<W>(&plan.groups[gift.group], gift, sweep);
         }
         sweep.inboard::<W, _>(bodies.clone(), entries);
     }

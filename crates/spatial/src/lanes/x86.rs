@@ -60,10 +60,10 @@ macro_rules! each_row {
 /// counted.
 #[inline(always)]
 fn check_rows(count: usize, stride: usize, x: &[Fused]) {
+    // Without numbers in its message, which would be stored each time.
     assert!(
         stride <= x.len() && (count - 1) * stride + count <= x.len(),
-        "{count} rows that are {stride} apart in {} numbers",
-        x.len()
+        "a matrix has fewer rows or columns than a register has numbers"
     );
 }
 
