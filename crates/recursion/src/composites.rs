@@ -1,7 +1,6 @@
 //! Composite inertias in the bodies' own axes: R(k) = M(k) + Σ φ(k,c) R(c) φ*(k,c), paper 2 (4.12).
 
 use crate::layout::{GROUND, Layout, LayoutBody, Pending, Shifts};
-use crate::link::Link;
 use phipsi_spatial::{RigidInertia, Scalar, Transform};
 
 /// Composite inertias R of all bodies with their hinge transforms, tip to base.
@@ -56,42 +55,18 @@ impl<'a, T: Scalar> Composites<'a, T> {
     /// R of body `k`, after all bodies that are stored after it.
     #[inline(always)]
     pub(crate) fn next(&mut self, k: usize, body: &LayoutBody<T::Constant>) -> RigidInertia<T> {
-        let R = self.here(body);
-        let passage = self.shifts.at(k, body);
-        if body.follows_parent(k) {
-            self.hand = passage.rigid_onto_parent(&R, &self.own_of_parent(body));
-        } else if body.parent != GROUND {
-            self.pending.give(k, body, &mut self.hand, passage.rigid_to_parent(&R));
-        }
-        R
-    }
-    /// R of the body whose children were last.
-    #[inline(always)]
-    pub(crate) fn here(&mut self, body: &LayoutBody<T::Constant>) -> RigidInertia<T> {
-        match self.pending.all(body, &mut self.hand, |a, b| *a = *a + *b) {
+        let R = match self.pending.all(body, &mut self.hand, |a, b| *a = *a + *b) {
             Some(R) => R,
             None => RigidInertia::constant(&body.inertia),
-        }
-    }
-    /// Gives R of body `k` to its parent through its link, of which more may be known than the body tells.
-    #[inline(always)]
-    pub(crate) fn give(
-        &mut self,
-        k: usize,
-        body: &LayoutBody<T::Constant>,
-        link: &Link<T::Constant>,
-        R: &RigidInertia<T>,
-    ) {
-        let shift = self.shifts.at(k, body).shift;
+        };
         if body.follows_parent(k) {
-            self.hand = link.rigid_onto_parent(shift, R, &self.own_of_parent(body));
+            // The first child gives also what its parent has of its own.
+            let own = RigidInertia::constant(&self.layout.bodies[body.parent].inertia);
+            self.hand = self.shifts.at(k, body).rigid_onto_parent(&R, &own);
         } else if body.parent != GROUND {
-            self.pending.give(k, body, &mut self.hand, link.rigid_to_parent(shift, R));
+            let moved = self.shifts.at(k, body).rigid_to_parent(&R);
+            self.pending.give(k, body, &mut self.hand, moved);
         }
-    }
-    /// The first child gives also what its parent has of its own.
-    #[inline(always)]
-    fn own_of_parent(&self, body: &LayoutBody<T::Constant>) -> RigidInertia<T> {
-        RigidInertia::constant(&self.layout.bodies[body.parent].inertia)
+        R
     }
 }

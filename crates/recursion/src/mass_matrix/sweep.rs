@@ -67,23 +67,24 @@ impl<T: Scalar> Sweep<'_, T> {
     ) {
         let layout = self.layout;
         for (k, body) in bodies.clone().zip(&layout.bodies[bodies]).rev() {
-            let passage = self.shifts.at(k, body);
-            if let Hinge::Revolute = body.hinge {
-                let (R, shift) = (self.composites.here(body), side_by_side(passage.shift));
-                each_shape!(&body.link, |link| {
-                    self.composites.give(k, body, link, &R);
-                    self.pass(k, &R, &Hinge::Revolute, &ByLink { link, shift }, entries);
-                });
-                continue;
-            }
-            let R = self.composites.next(k, body);
+            let (R, passage) = (self.composites.next(k, body), self.shifts.at(k, body));
             if body.floats() {
                 self.base(k, &R, entries);
-            } else if let Some(pose) = passage.general {
+                continue;
+            }
+            if let Some(pose) = passage.general {
                 self.pass(k, &R, &body.hinge, &Pose(pose_side_by_side(pose)), entries);
-            } else {
-                let by_link = ByLink { link: &body.link, shift: side_by_side(passage.shift) };
-                self.pass(k, &R, &body.hinge, &by_link, entries);
+                continue;
+            }
+            let shift = side_by_side(passage.shift);
+            match body.hinge {
+                Hinge::Revolute => each_shape!(&body.link, |link| {
+                    self.pass(k, &R, &Hinge::Revolute, &ByLink { link, shift }, entries);
+                }),
+                Hinge::Prismatic => {
+                    self.pass(k, &R, &Hinge::Prismatic, &ByLink { link: &body.link, shift }, entries);
+                }
+                _ => self.pass(k, &R, &body.hinge, &ByLink { link: &body.link, shift }, entries),
             }
         }
     }
