@@ -1,7 +1,7 @@
 //! The Jacobian J = B* φ* H* of a point of a body (paper 2, (4.8)).
 
 use crate::error::{DynamicsError, check_length};
-use crate::hinge::{Axes, Hinge, combine};
+use crate::hinge::{Axes, Hinge, combine, each_component};
 use crate::kernel::kernel;
 use crate::layout::{GROUND, Layout};
 use num_traits::{One, Zero};
@@ -112,16 +112,22 @@ kernel! {
         for m in 0..depth {
             let b = &layout.bodies[path[m]];
             let (axes, origin) = frames[m];
-            if let Hinge::Revolute = b.hinge {
-                put(rows, nv, b.v, axes[2], axes[2].cross(arm));
-            } else {
-                for i in 0..b.hinge.nv() {
-                    let axis = b.hinge.axis(i);
-                    let angular = combine(&axes, axis.angular);
-                    let linear = angular.cross_add(arm, combine(&axes, axis.linear));
-                    put(rows, nv, b.v + i, angular, linear);
+            // Axes are those of the body, but for that of a helical joint.
+            each_component!(
+                b.hinge,
+                |I, C| {
+                    let axis = axes[C % 3];
+                    if C < 3 {
+                        put(rows, nv, b.v + I, axis, axis.cross(arm));
+                    } else {
+                        put(rows, nv, b.v + I, Vec3::zero(), axis);
+                    }
+                },
+                {
+                    let along = combine(&axes, b.hinge.axis(0).linear);
+                    put(rows, nv, b.v, axes[2], axes[2].cross_add(arm, along));
                 }
-            }
+            );
             arm += origin;
         }
     }

@@ -131,8 +131,8 @@ impl<T: Scalar> Sweep<'_, T> {
         let (first, end) = (self.places.first[k], self.places.end[k]);
         let (inner, grounded) = (first + hinge.nv(), self.layout.bodies[k].parent == GROUND);
         let mut at = Places::group(first, W::COUNT);
-        // Registers with columns of its own, and the last one, which may have others beyond.
         while at < end {
+            // The last register may have columns of other branches beyond.
             let (six, to) = (&mut self.columns[SIX * at..][..SIX * W::COUNT], end - at);
             let before: Wrench<W> = load(six);
             let mut f = before;
@@ -156,6 +156,7 @@ impl<T: Scalar> Sweep<'_, T> {
                 store(moved, six);
             }
             at += W::COUNT;
+            // Between the register of its own column and the last one.
             if matches!(hinge, Hinge::Revolute) && at >= inner {
                 let whole = Places::group(end, W::COUNT);
                 if at < whole
