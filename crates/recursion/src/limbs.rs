@@ -45,6 +45,20 @@ pub(crate) fn lanes_of_wrench<T: Scalar>(f: Wrench<T::Abreast>) -> [Wrench<T>; 4
     all
 }
 
+/// The wrench of one lane.
+#[inline(always)]
+pub(crate) fn lane_of_wrench<T: Scalar>(f: Wrench<T::Abreast>, lane: usize) -> Wrench<T> {
+    let ([a, b, c, d, e, g], lane) = (f.to_array(), lane & 3);
+    Wrench::from_array([
+        lanes(a)[lane],
+        lanes(b)[lane],
+        lanes(c)[lane],
+        lanes(d)[lane],
+        lanes(e)[lane],
+        lanes(g)[lane],
+    ])
+}
+
 /// What limbs give to the trunk: that of each, or in the first place the sum, where their parent is one body.
 #[inline(always)]
 pub(crate) fn give<T: Scalar>(

@@ -67,12 +67,17 @@ impl<T: Scalar> OfLimbs<T> {
             return;
         }
         trunk.composites.take(gift.root, &self.gifts[gift.lane]);
-        let lanes = if of.together { 0..of.count } else { gift.lane..gift.lane + 1 };
         let margin = self.work.places.margin;
         for (i, places) in self.places.iter().enumerate() {
-            let f = limbs::lanes_of_wrench::<T::Arithmetic>(self.work.column(margin + i));
-            for lane in lanes.clone() {
-                trunk.set_column::<W>(places[lane], &f[lane]);
+            let f = self.work.column(margin + i);
+            if of.together {
+                let f = limbs::lanes_of_wrench::<T::Arithmetic>(f);
+                for lane in 0..of.count {
+                    trunk.set_column::<W>(places[lane], &f[lane]);
+                }
+            } else {
+                let f = limbs::lane_of_wrench::<T::Arithmetic>(f, gift.lane);
+                trunk.set_column::<W>(places[gift.lane], &f);
             }
         }
     }
