@@ -142,7 +142,7 @@ impl WideKernel<Fused> for SideBySide {
     #[inline(always)]
     fn run<W: Wide<Fused>>(self) {
         let n = W::COUNT;
-        let numbers: Vec<Fused> = (0..64).map(|i| Fused(1.0 + i as f64)).collect();
+        let numbers: Vec<Fused> = (0..80).map(|i| Fused(1.0 + i as f64)).collect();
         let read = |x: W| {
             let mut out = vec![Fused(-1.0); n];
             x.store(&mut out);
@@ -191,6 +191,22 @@ impl WideKernel<Fused> for SideBySide {
         for i in 0..n {
             let want: Vec<Fused> = (0..n).map(|j| numbers[j * n + i]).collect();
             assert_eq!(read(tile[i]), want);
+        }
+        // Rows of a matrix whose last one ends the slice: read, and written to a slice that is exactly as long.
+        for stride in n..=9 {
+            let length = (n - 1) * stride + n;
+            let tile = W::load_rows(stride, &numbers[..length]);
+            let mut out = vec![Fused(-1.0); length];
+            W::store_rows(&tile, stride, &mut out);
+            for (i, x) in out.iter().enumerate() {
+                let want = if i % stride < n { numbers[i] } else { Fused(-1.0) };
+                assert_eq!(*x, want, "number {i} of rows {stride} apart, {n} of each");
+            }
+            let refused = |step: &mut dyn FnMut()| {
+                std::panic::catch_unwind(std::panic::AssertUnwindSafe(step)).is_err()
+            };
+            assert!(refused(&mut || _ = W::load_rows(stride, &numbers[..length - 1])));
+            assert!(refused(&mut || W::store_rows(&tile, stride, &mut out[..length - 1])));
         }
     }
 }
