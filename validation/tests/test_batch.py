@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import pathlib
 import pickle
@@ -139,24 +138,35 @@ def test_the_number_of_threads_does_not_matter():
     assert outputs.pop().endswith("(77,)")
 
 
+#: Not computed in lanes of states: each state may have its limbs in lanes, and other sums where there are none.
+STATE_BY_STATE = {"space_jacobian"}
+
+
 @pytest.mark.parametrize(("level", "threads"), [("scalar", 1), ("avx2", 2), ("avx512", 5), ("", 3)])
-def test_the_width_of_the_lanes_does_not_matter(robot, level, threads):
+def test_the_width_of_the_lanes_does_not_matter(robot, level, threads, tmp_path):
     """One process computes in one width; a processor without it takes the next narrower one."""
     q, v, x = states(robot, 41)
-    wanted = {name: hashlib.sha256(call(robot, q, v, x).tobytes()).hexdigest() for name, call in METHODS.items()}
     code = (
-        "import hashlib, sys, phipsi\n"
+        "import sys, numpy as np, phipsi\n"
         "from validation.tests.test_batch import METHODS, states\n"
         "m = phipsi.Model.from_urdf(sys.argv[1])\n"
         "q, v, x = states(m, 41)\n"
-        "for name, call in METHODS.items():\n"
-        "    print(name, hashlib.sha256(call(m, q, v, x).tobytes()).hexdigest())\n"
+        "np.savez(sys.argv[2], **{name: call(m, q, v, x) for name, call in METHODS.items()})\n"
     )
     environment = {**os.environ, "PHIPSI_SIMD": level, "RAYON_NUM_THREADS": str(threads)}
-    command = [sys.executable, "-c", code, robots.model_path("solo12")]
+    path = tmp_path / "results.npz"
+    command = [sys.executable, "-c", code, robots.model_path("solo12"), path]
     root = pathlib.Path(__file__).parents[2]
-    done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=True)
-    assert dict(line.split() for line in done.stdout.splitlines()) == wanted
+    subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=True)
+    found = np.load(path)
+    assert set(found.files) == METHODS.keys()
+    for name, call in METHODS.items():
+        wanted = call(robot, q, v, x)
+        if name in STATE_BY_STATE:
+            # n·ε·κ, where κ = 170 is that of the base's locked inertia.
+            assert np.abs(found[name] - wanted).max() < 170 * robot.nv * np.finfo(float).eps * np.abs(wanted).max()
+        else:
+            assert found[name].tobytes() == wanted.tobytes(), name
 
 
 def test_memory_of_large_arguments_is_used_again():
