@@ -16,10 +16,10 @@ use crate::inverse_dynamics_derivatives::{
     own_position_block, weigh_position, weigh_velocity,
 };
 use crate::layout::Layout;
-use crate::places::{Aligned, Pair, Places, Table, View, each_place, inside, vector};
+use crate::places::{Aligned, Pair, Places, Table, View, inside, vector};
 use core::marker::PhantomData;
 use core::ops::Range;
-use phipsi_spatial::wide::{WIDEST, Wide};
+use phipsi_spatial::wide::Wide;
 use phipsi_spatial::{Kernel, Scalar, Vec3, Wrench};
 
 /// Columns of a register.
@@ -254,12 +254,8 @@ impl<T: Scalar> Meetings<T> {
                 let lane = top & (T::COLUMNS - W::COUNT.min(T::COLUMNS));
                 let rows = &turned[panel(places, top, T::COLUMNS)][left * 2 * T::COLUMNS..];
                 let rows = &rows[..W::COUNT * 2 * T::COLUMNS];
-                let mut tiles = [[W::zero(); WIDEST]; 2];
-                each_place!(W, I => {
-                    let row = &rows[..W::COUNT * 2 * T::COLUMNS][I * 2 * T::COLUMNS..][..2 * T::COLUMNS];
-                    tiles[0][I] = W::load(&row[lane..]);
-                    tiles[1][I] = W::load(&row[T::COLUMNS + lane..]);
-                });
+                let (x, y) = (&rows[lane..], &rows[T::COLUMNS + lane..]);
+                let mut tiles = [W::load_rows(2 * T::COLUMNS, x), W::load_rows(2 * T::COLUMNS, y)];
                 W::transpose(&mut tiles[0]);
                 W::transpose(&mut tiles[1]);
                 // Of every row what lies inboard of its joint.

@@ -17,6 +17,7 @@ mod aligned;
 mod mirror;
 mod pair;
 mod rows;
+mod write;
 
 pub(crate) use aligned::Aligned;
 pub(crate) use mirror::each_place;
@@ -132,60 +133,6 @@ impl Places {
     #[inline(always)]
     pub(crate) fn group(at: usize, width: usize) -> usize {
         at - at % width
-    }
-    /// Writes a whole matrix, to the model's order.
-    #[inline(always)]
-    pub(crate) fn write_all<T: Scalar, W: Wide<T>>(&self, matrix: &[T], out: &mut [T]) {
-        let rows = (self.margin..self.count).map(|row| &matrix[row * self.stride + self.margin..]);
-        self.write_rows::<T, W>(rows, out);
-    }
-    /// Writes a matrix, to the model's order, given the rows of its places, each from its first column on and perhaps beyond its last.
-    #[inline(always)]
-    pub(crate) fn write_rows<'a, T: Scalar, W: Wide<T>>(
-        &self,
-        rows: impl Iterator<Item = &'a [T]>,
-        out: &mut [T],
-    ) {
-        let (nv, dofs) = (self.count - self.margin, &self.dof[self.margin..]);
-        if self.in_order {
-            // Whole registers, whose last numbers the next row overwrites; the last rows by as many numbers as they have.
-            let whole = nv.next_multiple_of(W::COUNT);
-            let mut start = 0;
-            for row in rows {
-                match (out.get_mut(start..start + whole), row.get(..whole)) {
-                    (Some(out), Some(row)) => copy_whole::<T, W>(row, out),
-                    _ => copy::<T, W>(&row[..nv], &mut out[start..start + nv]),
-                }
-                start += nv;
-            }
-            return;
-        }
-        for (row, &dof) in rows.zip(dofs) {
-            let out = &mut out[dof * nv..][..nv];
-            for (&x, &dof) in row[..nv].iter().zip(dofs) {
-                out[dof] = x;
-            }
-        }
-    }
-}
-
-/// Copies as many numbers as there are, by registers.
-#[inline(always)]
-fn copy<T: Scalar, W: Wide<T>>(from: &[T], to: &mut [T]) {
-    copy_whole::<T, W>(from, to);
-    let (from, to) = (from.chunks_exact(W::COUNT), to.chunks_exact_mut(W::COUNT));
-    W::load_first(from.remainder()).store_first(to.into_remainder());
-}
-
-/// Copies whole registers.
-#[inline(always)]
-fn copy_whole<T: Scalar, W: Wide<T>>(from: &[T], to: &mut [T]) {
-    if W::COUNT == 1 {
-        to.copy_from_slice(from);
-        return;
-    }
-    for (from, to) in from.chunks_exact(W::COUNT).zip(to.chunks_exact_mut(W::COUNT)) {
-        W::load(from).store(to);
     }
 }
 

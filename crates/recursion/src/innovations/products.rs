@@ -5,7 +5,7 @@
 //! if one of c and j lies on the other's way. Columns are taken in panels of a few registers, rows in groups.
 
 use super::Innovations;
-use crate::places::{Aligned, Pair, PairRows, PairView, Places, ROWS, Rows, RowsMut, each_place};
+use crate::places::{Aligned, Pair, PairRows, PairView, Places, ROWS, Rows, each_place};
 use phipsi_spatial::Scalar;
 use phipsi_spatial::wide::{WIDEST, Wide};
 
@@ -286,17 +286,10 @@ fn put_tile<T: Scalar, W: Wide<T>, const DIAGONAL: bool>(
 ) {
     let mut below = tile;
     W::transpose(&mut below);
-    if !DIAGONAL {
-        let mut rows = RowsMut::new(&mut inverse[top * s..(top + W::COUNT) * s], s);
-        each_place!(W, I => {
-            let Some(row) = rows.next() else { return };
-            tile[I].store(&mut row[at..]);
-        });
+    if DIAGONAL {
+        each_place!(W, I => below[I] = below[I].up_to(I, tile[I]));
+    } else {
+        W::store_rows(&tile, s, &mut inverse[top * s + at..]);
     }
-    let mut rows = RowsMut::new(&mut inverse[at * s..(at + W::COUNT) * s], s);
-    each_place!(W, I => {
-        let Some(row) = rows.next() else { return };
-        let x = if DIAGONAL { below[I].up_to(I, tile[I]) } else { below[I] };
-        x.store(&mut row[top..]);
-    });
+    W::store_rows(&below, s, &mut inverse[at * s + top..]);
 }

@@ -60,9 +60,10 @@ impl<T: Scalar> Pair<T> {
     /// Writes both matrices, to the model's order.
     #[inline(always)]
     pub(crate) fn write<W: Wide<T>>(&self, places: &Places, [first, second]: [&mut [T]; 2]) {
-        let rows = self.read();
-        places.write_rows::<T, W>(rows.all(places.margin, places.count, 0), first);
-        places.write_rows::<T, W>(rows.all(places.margin, places.count, self.shape.nv), second);
+        let Shape { stride, lead, nv, .. } = self.shape;
+        let rows = &self.numbers[places.margin * stride + lead..];
+        places.write_rows::<T, W>(rows, stride, first);
+        places.write_rows::<T, W>(&rows[nv..], stride, second);
     }
 }
 
@@ -153,23 +154,31 @@ impl<T: Scalar> PairView<'_, T> {
     ) {
         let Shape { margin, nv, stride, .. } = self.shape;
         let (hidden, ends) = (margin.saturating_sub(left), &ends[..W::COUNT]);
-        let start = self.shape.index(top, left);
-        let mut rows = RowsMut::new(&mut self.numbers[start..], stride);
+        let rows = &mut self.numbers[self.shape.index(top, left)..];
         if hidden == 0 && ends[0] >= left + W::COUNT {
-            each_place!(W, I => {
-                let Some(row) = rows.next() else { return };
-                let row = &mut row[..nv + W::COUNT];
-                a[I].store(&mut row[..W::COUNT]);
-                b[I].store(&mut row[nv..]);
-            });
-            return;
+            W::store_rows(&a, stride, rows);
+            W::store_rows(&b, stride, &mut rows[nv..]);
+        } else {
+            put_between(a, (left, hidden), ends, stride, rows);
+            put_between(b, (left, hidden), ends, stride, &mut rows[nv..]);
         }
-        each_place!(W, I => {
-            let end = ends[I].saturating_sub(left).min(W::COUNT);
-            let Some(row) = rows.next() else { return };
-            let row = &mut row[..nv + W::COUNT];
-            a[I].store_between(hidden, end, &mut row[..W::COUNT]);
-            b[I].store_between(hidden, end, &mut row[nv..]);
-        });
     }
+}
+
+/// Puts what is right of the `hidden` places, and before place `ends[i]` of row i, to rows that begin with place `left`. The other numbers
+/// stay as they are but are written again: who reads a whole register would wait for a part of it.
+#[inline(always)]
+fn put_between<T: Scalar, W: Wide<T>>(
+    mut tile: [W; WIDEST],
+    (left, hidden): (usize, usize),
+    ends: &[usize],
+    stride: usize,
+    rows: &mut [T],
+) {
+    let others = W::load_rows(stride, rows);
+    each_place!(W, I => {
+        let end = ends[I].saturating_sub(left).max(hidden).min(W::COUNT);
+        tile[I] = others[I].up_to(hidden, tile[I]).up_to(end, others[I]);
+    });
+    W::store_rows(&tile, stride, rows);
 }

@@ -68,7 +68,7 @@ fn turn_over<T: Scalar, W: Wide<T>>(rows: [W; WIDEST], first: usize, bodies: &mu
         each_place!(W, I => tile[I] = rows[part * W::COUNT + I]);
         W::transpose(&mut tile);
         let start = first + part * W::COUNT;
-        each_place!(W, I => tile[I].store(&mut bodies[I * NUMBERS + start..][..W::COUNT]));
+        W::store_rows(&tile, NUMBERS, &mut bodies[start..]);
     }
 }
 
