@@ -19,7 +19,7 @@ use crate::kinematics::{relative, relative_revolute};
 use crate::layout::{GROUND, Layout, Shifts, TOGETHER, each_kind};
 use crate::limbs::Moved;
 use crate::link::each_shape;
-use crate::packed::{Packed, Stored, is_lone};
+use crate::packed::{Packed, is_lone};
 use core::marker::PhantomData;
 use core::ops::Range;
 use num_traits::Zero;
@@ -52,7 +52,7 @@ pub struct ForwardDynamics<T: Scalar> {
     moving: Vec<Moving<T::Arithmetic>>,
     pivots: Vec<Pivot<T::Arithmetic>>,
     given: Given<Moved<T::Arithmetic>>,
-    packed: Given<Stored<T::Arithmetic>>,
+    packed: Given<Packed<<T::Arithmetic as Scalar>::Six>>,
     /// α of bodies with several children.
     alpha: Vec<Motion<T::Arithmetic>>,
     /// Minus the external wrenches, where there are any.

@@ -11,7 +11,7 @@
 
 use crate::articulated_sweep::Pivot;
 use crate::link::{Link, Shift};
-use phipsi_spatial::six_lanes::{Eight, RigidEntries};
+use phipsi_spatial::six_lanes::RigidEntries;
 use phipsi_spatial::{ArticulatedInertia, Mat3, Motion, Scalar, SixLanes, Sym3, Turn, Vec3, Wrench};
 
 /// True for numbers of a state by itself: every state of a batch takes the steps that lanes of states take, for the same bits.
@@ -91,21 +91,7 @@ pub(crate) struct Eliminated<T, S> {
     pub(crate) nu: T,
 }
 
-/// P and z in memory, for any kind of lanes.
-pub(crate) type Stored<T> = Packed<Eight<T>>;
-
 impl<S> Packed<S> {
-    /// From one kind of lanes to another.
-    #[inline(always)]
-    pub(crate) fn to<T: Scalar, R: SixLanes<T>>(self) -> Packed<R>
-    where
-        S: SixLanes<T>,
-    {
-        let ([a, b, c, d, e, f], z) = (self.P, R::of(self.z.to_array()));
-        let (a, b, c) = (R::of(a.to_array()), R::of(b.to_array()), R::of(c.to_array()));
-        let (d, e, f) = (R::of(d.to_array()), R::of(e.to_array()), R::of(f.to_array()));
-        Packed { P: [a, b, c, d, e, f], z }
-    }
     #[inline(always)]
     pub(crate) fn zero<T: Scalar>() -> Self
     where
@@ -170,8 +156,8 @@ impl<S> Packed<S> {
         if !D.lane_0().is_positive() {
             return Err(D.lane_0().min_lane());
         }
-        let inverse = D.lane_0().recip();
-        let G = U * S::fill(inverse);
+        let inverse = D.reciprocal();
+        let G = U * inverse;
         // By rows of P itself, which is symmetric to rounding only: row and column of the axis vanish together.
         self.P[0] = G.eliminate::<2>(self.P[0].broadcast::<2>(), self.P[0]);
         self.P[1] = G.eliminate::<2>(self.P[1].broadcast::<2>(), self.P[1]);
@@ -182,7 +168,7 @@ impl<S> Packed<S> {
         let epsilon = all - self.z.broadcast::<2>();
         // H G = 1: the component of z⁺ along the axis is T itself.
         self.z = G.times_plus(epsilon, self.z).with_lane_2(all);
-        Ok(Eliminated { gain: G, inverse, nu: epsilon.lane_0() * inverse })
+        Ok(Eliminated { gain: G, inverse: inverse.lane_0(), nu: (epsilon * inverse).lane_0() })
     }
     /// The same for a joint along z.
     #[inline(always)]
@@ -195,8 +181,8 @@ impl<S> Packed<S> {
         if !D.lane_0().is_positive() {
             return Err(D.lane_0().min_lane());
         }
-        let inverse = D.lane_0().recip();
-        let G = U * S::fill(inverse);
+        let inverse = D.reciprocal();
+        let G = U * inverse;
         self.P[0] = G.eliminate::<6>(self.P[0].broadcast::<6>(), self.P[0]);
         self.P[1] = G.eliminate::<6>(self.P[1].broadcast::<6>(), self.P[1]);
         self.P[2] = G.eliminate::<6>(self.P[2].broadcast::<6>(), self.P[2]);
@@ -205,7 +191,7 @@ impl<S> Packed<S> {
         self.P[5] = S::fill(T::zero());
         let epsilon = S::fill(T) - self.z.broadcast::<6>();
         self.z = G.times_plus(epsilon, self.z);
-        Ok(Eliminated { gain: G, inverse, nu: epsilon.lane_0() * inverse })
+        Ok(Eliminated { gain: G, inverse: inverse.lane_0(), nu: (epsilon * inverse).lane_0() })
     }
     /// φ P⁺ φ* and φ z⁺, and φ G. With `HINGE`, after [`Packed::eliminate_revolute`]: the column of the hinge is zero.
     #[inline(always)]

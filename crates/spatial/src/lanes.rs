@@ -220,7 +220,7 @@ impl Scalar for Fused {
     const LANES: usize = 1;
     const EPSILON: f64 = f64::EPSILON;
     #[cfg(target_arch = "x86_64")]
-    crate::arithmetic_is_self!(x86::F64x8, x86::Halves);
+    crate::arithmetic_is_self!(x86::Halves);
     #[cfg(not(target_arch = "x86_64"))]
     crate::arithmetic_is_self!();
     #[inline(always)]

@@ -39,8 +39,6 @@ pub trait Scalar:
     type Arithmetic: Scalar<Constant = Self::Constant, Arithmetic = Self::Arithmetic, Abreast = Self::Abreast>;
     /// Six-vectors of this scalar in lanes of their own.
     type Six: SixLanes<Self>;
-    /// The same, for processors where single numbers take longer beside the former.
-    type Halves: SixLanes<Self>;
     /// Numbers of several bodies that are alike, in lanes, and their constants too.
     type Abreast: Abreast<Self::Constant>;
     /// States carried at once: 1 for plain numbers.
@@ -121,12 +119,11 @@ pub trait Kernel {
 #[macro_export]
 macro_rules! arithmetic_is_self {
     () => {
-        $crate::arithmetic_is_self!($crate::six_lanes::Eight<Self>, $crate::six_lanes::Eight<Self>);
+        $crate::arithmetic_is_self!($crate::six_lanes::Eight<Self>);
     };
-    ($six:ty, $halves:ty) => {
+    ($six:ty) => {
         type Arithmetic = Self;
         type Six = $six;
-        type Halves = $halves;
         #[inline(always)]
         fn to_arithmetic(self) -> Self {
             self
@@ -226,7 +223,6 @@ float_scalar! {
     type Abreast = crate::lanes::Four;
     type Arithmetic = Fused;
     type Six = crate::six_lanes::Eight<f64>;
-    type Halves = crate::six_lanes::Eight<f64>;
     #[inline(always)]
     fn to_arithmetic(self) -> Fused {
         Fused(self)

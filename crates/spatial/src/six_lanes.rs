@@ -54,6 +54,8 @@ pub trait SixLanes<T: Scalar>:
     fn zeros() -> Self {
         Self::fill(T::zero())
     }
+    /// 1 / x of every lane.
+    fn reciprocal(self) -> Self;
     /// `self * a + b`.
     fn times_plus(self, a: Self, b: Self) -> Self;
     /// `b − self * a`.
@@ -82,15 +84,8 @@ pub trait SixLanes<T: Scalar>:
     fn yzx(self) -> Self;
     /// (z, x, y) of both halves.
     fn zxy(self) -> Self;
-    /// (z, x, y) of the second half, in the first; the second half is of no use.
-    fn second_zxy(self) -> Self;
-    /// (y, z, x) of the second half, in the first; the second half is of no use.
-    fn second_yzx(self) -> Self;
     /// Moment + l × force, where `ahead` is (y, z, x) and `back` (z, x, y) of l in the first half, with zeros in the second.
-    #[inline(always)]
-    fn levered(self, ahead: Self, back: Self) -> Self {
-        back.subtract_from(self.second_yzx(), ahead.times_plus(self.second_zxy(), self))
-    }
+    fn levered(self, ahead: Self, back: Self) -> Self;
     /// Lane I in all lanes.
     fn broadcast<const I: usize>(self) -> Self;
     /// Lane 0.
@@ -204,6 +199,10 @@ impl<T: Scalar> SixLanes<T> for Eight<T> {
         Eight([x; 8])
     }
     #[inline(always)]
+    fn reciprocal(self) -> Self {
+        each!(I => self.0[I].recip())
+    }
+    #[inline(always)]
     fn times_plus(self, a: Self, b: Self) -> Self {
         each!(I => self.0[I].fma(a.0[I], b.0[I]))
     }
@@ -244,12 +243,9 @@ impl<T: Scalar> SixLanes<T> for Eight<T> {
         self.pick([2, 0, 1, 3, 6, 4, 5, 7])
     }
     #[inline(always)]
-    fn second_zxy(self) -> Self {
-        self.pick([6, 4, 5, 7, 6, 4, 5, 7])
-    }
-    #[inline(always)]
-    fn second_yzx(self) -> Self {
-        self.pick([5, 6, 4, 7, 5, 6, 4, 7])
+    fn levered(self, ahead: Self, back: Self) -> Self {
+        let (zxy, yzx) = (self.pick([6, 4, 5, 7, 6, 4, 5, 7]), self.pick([5, 6, 4, 7, 5, 6, 4, 7]));
+        back.subtract_from(yzx, ahead.times_plus(zxy, self))
     }
     #[inline(always)]
     fn broadcast<const I: usize>(self) -> Self {

@@ -7,28 +7,22 @@ use crate::packed::{Packed, is_lone};
 use core::ops::Range;
 use phipsi_spatial::{RigidInertia, Scalar, SixLanes};
 
-/// Six-vectors of what kernels on `T` compute with, in the lanes of one register.
+/// Six-vectors of what kernels on `T` compute with, in lanes.
 type Six<T> = <<T as Scalar>::Arithmetic as Scalar>::Six;
-/// The same in two registers.
-type Halves<T> = <<T as Scalar>::Arithmetic as Scalar>::Halves;
 
 /// Where the six-vectors of one state lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Lanes {
     Numbers,
     Six,
-    Halves,
 }
 
 impl Lanes {
     /// The fastest of this processor.
     #[inline(always)]
     pub(super) fn of<T: Scalar>() -> Self {
-        match is_lone::<T>() && Six::<T>::IN_REGISTERS {
-            true if Halves::<T>::is_fast() => Lanes::Halves,
-            true if Six::<T>::is_fast() => Lanes::Six,
-            _ => Lanes::Numbers,
-        }
+        let six = is_lone::<T>() && Six::<T>::IN_REGISTERS && Six::<T>::is_fast();
+        if six { Lanes::Six } else { Lanes::Numbers }
     }
 }
 
@@ -45,7 +39,6 @@ pub(super) trait Carrying<T: Scalar> {
 
 pub(super) struct InNumbers;
 pub(super) struct InSix;
-pub(super) struct InHalves;
 
 impl<T: Scalar> Carrying<T> for InNumbers {
     const PACKED: bool = false;
@@ -72,41 +65,20 @@ impl<T: Scalar> Carrying<T> for InSix {
     const PACKED: bool = true;
     #[inline(always)]
     fn inboard<const WHOLE: bool>(run: &mut Run<'_, T>, numbers: Range<usize>) -> Result<(), DynamicsError> {
-        run.sweep_inboard_packed::<WHOLE, Six<T>>(numbers)
+        run.sweep_inboard_packed::<WHOLE>(numbers)
     }
     #[inline(always)]
     fn begin(run: &mut Run<'_, T>) {
-        run.packed.hand = Packed::<Six<T>>::zero().to();
+        run.packed.hand = Packed::zero::<T::Arithmetic>();
     }
     #[inline(always)]
-    fn take(run: &mut Run<'_, T>, root: usize, moved: &Moved<T::Arithmetic>) {
-        take_packed(run, root, moved);
-    }
-}
-
-impl<T: Scalar> Carrying<T> for InHalves {
-    const PACKED: bool = true;
-    #[inline(always)]
-    fn inboard<const WHOLE: bool>(run: &mut Run<'_, T>, numbers: Range<usize>) -> Result<(), DynamicsError> {
-        run.sweep_inboard_packed::<WHOLE, Halves<T>>(numbers)
-    }
-    #[inline(always)]
-    fn begin(run: &mut Run<'_, T>) {
-        run.packed.hand = Packed::<Halves<T>>::zero().to();
-    }
-    #[inline(always)]
-    fn take(run: &mut Run<'_, T>, root: usize, moved: &Moved<T::Arithmetic>) {
-        take_packed(run, root, moved);
-    }
-}
-
-#[inline(always)]
-fn take_packed<T: Scalar>(run: &mut Run<'_, T>, root: usize, (P, z): &Moved<T::Arithmetic>) {
-    let body = &run.call.layout.bodies[root];
-    if body.follows_parent(root) {
-        run.packed.hand = Packed::pack(P, z);
-    } else if body.parent != GROUND {
-        run.packed.pending.put(&Packed::pack(P, z));
+    fn take(run: &mut Run<'_, T>, root: usize, (P, z): &Moved<T::Arithmetic>) {
+        let body = &run.call.layout.bodies[root];
+        if body.follows_parent(root) {
+            run.packed.hand = Packed::pack(P, z);
+        } else if body.parent != GROUND {
+            run.packed.pending.put(&Packed::pack(P, z));
+        }
     }
 }
 
@@ -123,10 +95,6 @@ macro_rules! carried {
                     type $X = $crate::forward_dynamics::carrying::InSix;
                     $step
                 }
-                $crate::forward_dynamics::carrying::Lanes::Halves => {
-                    type $X = $crate::forward_dynamics::carrying::InHalves;
-                    $step
-                }
             }
         } else {
             type $X = $crate::forward_dynamics::carrying::InNumbers;
@@ -135,42 +103,3 @@ macro_rules! carried {
     };
 }
 pub(super) use carried;
-
-#[cfg(test)]
-mod tests {
-    use super::super::{ForwardDynamics, Whole};
-    use super::*;
-    use crate::layout::Layout;
-    use core::marker::PhantomData;
-    use phipsi_reference::generate::{Case, case};
-    use phipsi_spatial::lanes::Level;
-
-    fn run<X: Carrying<f64>>(layout: &Layout, case: &Case) -> Option<Vec<f64>> {
-        let (mut work, mut out) = (ForwardDynamics::<f64>::new(layout), case.tau.clone());
-        let (q, v) = (f64::arithmetic(&case.q), f64::arithmetic(&case.v));
-        let (out_numbers, loaded, by) = (f64::arithmetic_mut(&mut out), false, PhantomData::<X>);
-        let whole = Whole { work: &mut work, layout, q, v, loaded, out: out_numbers, by };
-        <f64 as Scalar>::Arithmetic::dispatch(whole).ok().map(|()| out)
-    }
-
-    /// A processor takes one of them: on those that could take both, results have the same bits.
-    #[test]
-    fn one_register_and_two_give_the_same_bits() {
-        if Level::best() < Level::Avx512 {
-            println!("this processor has no {}", Level::Avx512.name());
-            return;
-        }
-        let mut compared = 0;
-        for seed in 0..300 {
-            let case = case(seed);
-            let layout = Layout::new(&case.model);
-            if layout.is_flexible() {
-                continue;
-            }
-            let [six, halves] = [run::<InSix>(&layout, &case), run::<InHalves>(&layout, &case)];
-            assert_eq!(six, halves, "seed {seed}");
-            compared += 1;
-        }
-        assert!(compared > 200, "{compared}");
-    }
-}

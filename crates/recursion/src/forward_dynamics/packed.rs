@@ -8,14 +8,16 @@ use crate::articulated_sweep::{eliminate, filter};
 use crate::error::DynamicsError;
 use crate::hinge::Hinge;
 use crate::layout::{GROUND, LayoutBody, Pending};
-use crate::packed::{Eliminated, Packed, Stored, pivot};
+use crate::packed::{Eliminated, Packed, pivot};
 use core::ops::Range;
 use phipsi_spatial::{Scalar, SixLanes};
+
+type Hand<T> = Packed<<<T as Scalar>::Arithmetic as Scalar>::Six>;
 
 impl<T: Scalar> Run<'_, T> {
     /// [`Self::sweep_inboard`] with the six-vectors of the state in lanes.
     #[inline(always)]
-    pub(super) fn sweep_inboard_packed<const WHOLE: bool, S: SixLanes<T::Arithmetic>>(
+    pub(super) fn sweep_inboard_packed<const WHOLE: bool>(
         &mut self,
         numbers: Range<usize>,
     ) -> Result<(), DynamicsError> {
@@ -24,13 +26,13 @@ impl<T: Scalar> Run<'_, T> {
         let (bodies, rigid) = (&layout.bodies[first..first + end], &layout.rigid[first..first + end]);
         let moving = &self.moving[..end];
         let (pivots, residuals) = (&mut *self.pivots, &mut *self.residuals);
-        let mut hand: Packed<S> = if WHOLE { Packed::zero() } else { self.packed.hand.to() };
+        let mut hand: Hand<T> = if WHOLE { Packed::zero() } else { self.packed.hand };
         for i in numbers.rev() {
             let (k, body) = (first + i, &bodies[i]);
             let v = body.v - first_v;
             let Moving { omega, coriolis } = &moving[i];
             for _ in 1..body.children {
-                hand.add(&self.packed.pending.take().to());
+                hand.add(self.packed.pending.take());
             }
             hand.add_body(&rigid[i], *omega);
             if let Hinge::Revolute = body.hinge {
@@ -82,7 +84,7 @@ impl<T: Scalar> Run<'_, T> {
             }
         }
         if !WHOLE {
-            self.packed.hand = hand.to();
+            self.packed.hand = hand;
         }
         Ok(())
     }
@@ -91,7 +93,7 @@ impl<T: Scalar> Run<'_, T> {
 /// What a body gives to its parent: returned if the parent is next, else kept for it.
 #[inline(always)]
 fn give<T: Scalar, S: SixLanes<T>>(
-    pending: &mut Pending<Stored<T>>,
+    pending: &mut Pending<Packed<S>>,
     k: usize,
     body: &LayoutBody<T::Constant>,
     moved: Packed<S>,
@@ -100,7 +102,7 @@ fn give<T: Scalar, S: SixLanes<T>>(
         return moved;
     }
     if body.parent != GROUND {
-        pending.put(&moved.to());
+        pending.put(&moved);
     }
     Packed::zero()
 }

@@ -6,7 +6,7 @@ use crate::articulated_sweep::Pivot;
 use crate::branching::{Given, Recursion};
 use crate::error::DynamicsError;
 use crate::layout::{Branch, GROUND, Layout, ShiftRun, carve};
-use crate::packed::Stored;
+use crate::packed::Packed;
 use core::marker::PhantomData;
 use core::ops::Range;
 use phipsi_spatial::{Kernel, Motion, Scalar, SixLanes, Vec3, Wrench};
@@ -35,7 +35,7 @@ pub(super) struct Run<'a, T: Scalar> {
     pub(super) residuals: &'a mut [T::Arithmetic],
     pub(super) given: &'a mut Given<Moved<T::Arithmetic>>,
     /// The same where six-vectors are in lanes.
-    pub(super) packed: &'a mut Given<Stored<T::Arithmetic>>,
+    pub(super) packed: &'a mut Given<Packed<<T::Arithmetic as Scalar>::Six>>,
 }
 
 /// Which sweeps.

@@ -124,7 +124,9 @@ fn inward<T: Scalar, X: Carried<T>>(
     while k > numbers.start {
         k -= 1;
         let body = &bodies[k];
-        pending.gather(body, hand, |sum, x| sum.add(x));
+        for _ in 1..body.children {
+            hand.add(pending.take());
+        }
         if body.hinge.nv() > 1 {
             let moved = pass_joint(body, first[k], &hand.numbers(), sweep)?;
             pending.give(k, body, hand, X::of(&moved));

@@ -48,15 +48,7 @@ impl<X: Copy> Pending<X> {
         self.stack[self.top] = *x;
         self.top += 1;
     }
-    /// Adds what all children but the first gave to what is in hand from the first.
-    #[inline(always)]
-    pub(crate) fn gather<C>(&mut self, body: &LayoutBody<C>, hand: &mut X, add: impl Fn(&mut X, &X)) {
-        for _ in 1..body.children {
-            self.top -= 1;
-            add(hand, &self.stack[self.top]);
-        }
-    }
-    /// [`Pending::gather`], or nothing at a tip.
+    /// What is in hand from the first child with what all others gave; nothing at a tip.
     #[inline(always)]
     pub(crate) fn all<C>(
         &mut self,
@@ -67,7 +59,9 @@ impl<X: Copy> Pending<X> {
         if body.children == 0 {
             return None;
         }
-        self.gather(body, hand, add);
+        for _ in 1..body.children {
+            add(hand, self.take());
+        }
         Some(*hand)
     }
 }

@@ -8,7 +8,6 @@ mod four;
 mod halves;
 mod ordered;
 mod rows;
-mod six;
 
 pub use four::Four;
 pub use halves::Halves;

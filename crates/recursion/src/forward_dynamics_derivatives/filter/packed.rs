@@ -132,8 +132,9 @@ impl<T: Scalar> Carried<T> for Packed<T::Six> {
             let mass = P[3].broadcast::<4>() + P[4].broadcast::<5>() + P[5].broadcast::<6>();
             scale = s.dot(s) * scale + b.dot(b) * mass.lane_0();
         }
-        let inverse = pivot(layout, body.v, D.lane_0(), scale)?;
-        let wide = T::Six::fill(inverse);
+        pivot(layout, body.v, D.lane_0(), scale)?;
+        let wide = D.reciprocal();
+        let inverse = wide.lane_0();
         let innovation = T::Six::fill(residuals[body.v]) - along;
         residuals[body.v] = (innovation * wide).lane_0();
         let [x, y, z, _, u, v, w, _] = (U * wide).to_array();
