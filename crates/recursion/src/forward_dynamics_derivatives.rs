@@ -139,7 +139,7 @@ impl<T: Scalar> WideKernel<T::Arithmetic> for Accelerate<'_, T> {
             None => false,
         };
         if !in_lanes {
-            filter.inward::<W>(is_lone::<T>(), &mut sweep)?;
+            filter.inward(is_lone::<T>(), &mut sweep)?;
         }
         let FilterSweep { mut view, mut gains, residuals, .. } = sweep;
         accelerate_outboard(layout, places, &mut view, |view, body, place, alpha| {

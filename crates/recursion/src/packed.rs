@@ -317,19 +317,11 @@ pub(crate) struct Lever<S> {
 
 impl<S> Lever<S> {
     #[inline(always)]
-    fn new<T: Scalar>(x: T, y: T, z: T) -> Self
+    pub(crate) fn new<T: Scalar>(x: T, y: T, z: T) -> Self
     where
         S: SixLanes<T>,
     {
         Lever { ahead: S::first_half(y, z, x), back: S::first_half(z, x, y) }
-    }
-    /// Of x, y, z, x, y, one after the other.
-    #[inline(always)]
-    pub(crate) fn of_three<T: Scalar>(numbers: &[T]) -> Self
-    where
-        S: SixLanes<T>,
-    {
-        Lever { ahead: S::first_three(&numbers[1..4]), back: S::first_three(&numbers[2..5]) }
     }
     /// Moment + l × force.
     #[inline(always)]

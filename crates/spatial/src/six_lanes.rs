@@ -92,8 +92,6 @@ pub trait SixLanes<T: Scalar>:
     fn lane_0(self) -> T;
     /// The vector with x in lane 2.
     fn with_lane_2(self, x: Self) -> Self;
-    /// The first three numbers of a slice, which has as many, in the first half, zeros in the second.
-    fn first_three(x: &[T]) -> Self;
     /// The six columns of a rigid inertia.
     fn rigid(m: &RigidEntries<T::Constant>) -> [Self; 6];
     /// The same of an inertia that is not a constant.
@@ -259,10 +257,6 @@ impl<T: Scalar> SixLanes<T> for Eight<T> {
     fn with_lane_2(mut self, x: Self) -> Self {
         self.0[2] = x.0[2];
         self
-    }
-    #[inline(always)]
-    fn first_three(x: &[T]) -> Self {
-        Self::first_half(x[0], x[1], x[2])
     }
     #[inline(always)]
     fn rigid(m: &RigidEntries<T::Constant>) -> [Self; 6] {

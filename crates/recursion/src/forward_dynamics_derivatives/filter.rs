@@ -15,7 +15,6 @@ use crate::limbs::Moved;
 use crate::packed::Packed;
 use crate::places::{Lane, Places, Table, View};
 use core::ops::Range;
-use phipsi_spatial::wide::Wide;
 use phipsi_spatial::{ArticulatedInertia, Motion, RigidInertia, Scalar, SixLanes, Sym3, Vec3, Wrench};
 
 mod limbs;
@@ -23,7 +22,6 @@ mod packed;
 
 pub(super) use limbs::LimbFilter;
 use limbs::OfLimbs;
-use packed::OwnNumbers;
 
 /// A D below this multiple of ε, against the inertia that it is a sum of, may be rounding alone: an axis that was turned into those of the
 /// ground does not find an exact zero again. At most ten roundings turn an inertia, and six take its components along an axis.
@@ -35,7 +33,6 @@ pub(super) struct Filter<T: Scalar> {
     numbers: Waiting<Moved<T>>,
     /// The same where six-vectors are in lanes.
     packed: Waiting<Packed<T::Six>>,
-    own: OwnNumbers<T>,
     /// Limbs in lanes, group by group.
     limbs: Vec<OfLimbs<T>>,
 }
@@ -72,24 +69,18 @@ impl<T: Scalar> Filter<T> {
         Filter {
             numbers: Waiting::new(layout, Carried::zero()),
             packed: Waiting::new(layout, Packed::zero::<T>()),
-            own: OwnNumbers::new(places),
             limbs: plan.map_or(Vec::new(), |plan| OfLimbs::of_all(plan, places)),
         }
     }
     /// Tip to base; of a `lone` state in the lanes of the processor, if that is faster.
     #[inline(always)]
-    pub(super) fn inward<W: Wide<T>>(
-        &mut self,
-        lone: bool,
-        sweep: &mut Sweep<'_, '_, T>,
-    ) -> Result<(), DynamicsError> {
+    pub(super) fn inward(&mut self, lone: bool, sweep: &mut Sweep<'_, '_, T>) -> Result<(), DynamicsError> {
         self.numbers.pending.clear();
         self.packed.pending.clear();
         if !lone || !<T::Six as SixLanes<T>>::is_fast() {
-            return inward(&mut self.numbers, &[], sweep, 0..sweep.layout.len());
+            return inward(&mut self.numbers, sweep, 0..sweep.layout.len());
         }
-        self.own.gather::<W>(sweep.places, &mut sweep.view);
-        inward(&mut self.packed, self.own.all(), sweep, 0..sweep.layout.len())
+        inward(&mut self.packed, sweep, 0..sweep.layout.len())
     }
 }
 
@@ -99,11 +90,9 @@ trait Carried<T: Scalar>: Copy {
     fn add(&mut self, other: &Self);
     fn of(moved: &Moved<T>) -> Self;
     fn numbers(&self) -> Moved<T>;
-    /// Past a joint of one axis, to the parent's origin. Without `LINEAR`, the axis has no linear part. `own`: the numbers of all bodies
-    /// that are not read from the table.
+    /// Past a joint of one axis, to the parent's origin. Without `LINEAR`, the axis has no linear part.
     fn pass_axis<const LINEAR: bool>(
         &mut self,
-        own: &[T],
         body: &LayoutBody<T::Constant>,
         place: usize,
         sweep: &mut Sweep<'_, '_, T>,
@@ -114,7 +103,6 @@ trait Carried<T: Scalar>: Copy {
 #[inline(always)]
 fn inward<T: Scalar, X: Carried<T>>(
     Waiting { pending, hand }: &mut Waiting<X>,
-    own: &[T],
     sweep: &mut Sweep<'_, '_, T>,
     numbers: Range<usize>,
 ) -> Result<(), DynamicsError> {
@@ -137,9 +125,9 @@ fn inward<T: Scalar, X: Carried<T>>(
         loop {
             let body = &bodies[k];
             if let Hinge::Revolute = body.hinge {
-                run.pass_axis::<false>(own, body, first[k], sweep)?;
+                run.pass_axis::<false>(body, first[k], sweep)?;
             } else {
-                run.pass_axis::<true>(own, body, first[k], sweep)?;
+                run.pass_axis::<true>(body, first[k], sweep)?;
             }
             if !body.follows_parent(k) {
                 if body.parent != GROUND {
@@ -179,7 +167,6 @@ impl<T: Scalar> Carried<T> for Moved<T> {
     #[inline(always)]
     fn pass_axis<const LINEAR: bool>(
         &mut self,
-        _: &[T],
         body: &LayoutBody<T::Constant>,
         place: usize,
         Sweep { layout, view, gains, residuals, .. }: &mut Sweep<'_, '_, T>,

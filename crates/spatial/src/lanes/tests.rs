@@ -360,7 +360,6 @@ impl<S: crate::SixLanes<Fused>> Kernel for Packed<S> {
             S::zeros(),
             S::halves(x, y, z),
             S::first_half(x, y, z),
-            S::first_three(&m[4..7]),
             a.swap_xy(),
             a.swap_yz(),
             a.yzx(),

@@ -133,7 +133,7 @@ impl<T: Scalar> Kernel for LimbFilter<'_, '_, '_, T> {
                     numbers.pending.put(moved);
                 }
             }
-            inward(numbers, &[], sweep, bodies.clone())?;
+            inward(numbers, sweep, bodies.clone())?;
         }
         sweep.layout = whole;
         Ok(true)

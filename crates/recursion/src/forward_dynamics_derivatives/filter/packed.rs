@@ -2,83 +2,15 @@
 //!
 //! φ (P − U D⁻¹ U*) φ* is calculated as φ P φ* − (φ U) D⁻¹ (φ U)*: P moves while D waits for its sums and its division.
 
-use super::{Carried, Moved, Sweep, pivot};
+use super::{Carried, Moved, Sweep, own_inertia, pivot};
 use crate::error::DynamicsError;
-use crate::ground_axes::{AXIS, COMPOSITE, OFFSET};
+use crate::ground_axes::{AXIS, OFFSET};
 use crate::inverse_dynamics_derivatives::{ALPHA, FORCE, ROWS};
 use crate::layout::{GROUND, LayoutBody};
 use crate::packed::{Lever, Packed};
-use crate::places::{Aligned, Places, View, each_place};
-use phipsi_spatial::wide::{WIDEST, Wide};
-use phipsi_spatial::{RigidInertia, Scalar, SixLanes, Vec3, Wrench};
-
-/// Numbers of a body: its own inertia as [`SixLanes::rigid_columns`] reads it, the force of its turning and of loads as a packed
-/// six-vector, and d as [`Lever`] reads it.
-const NUMBERS: usize = 32;
-const INERTIA: usize = 0;
-const TURNING: usize = 16;
-const LEVER: usize = 24;
-
-/// What the step reads of the bodies, one body after the other, by places.
-#[derive(Clone, Debug)]
-pub(super) struct OwnNumbers<T>(Aligned<T>);
-
-impl<T: Scalar> OwnNumbers<T> {
-    /// Empty where numbers have no lanes.
-    pub(super) fn new(places: &Places) -> Self {
-        if T::COLUMNS == 1 { OwnNumbers(Aligned::new(0)) } else { Self::with_room(places) }
-    }
-    pub(super) fn with_room(places: &Places) -> Self {
-        OwnNumbers(Aligned::new(NUMBERS * places.count))
-    }
-    /// Turns the rows of the table over.
-    #[inline(always)]
-    pub(super) fn gather<W: Wide<T>>(&mut self, places: &Places, view: &mut View<'_, T, ROWS>) {
-        let zero = W::zero();
-        for &at in places.with_bodies(W::COUNT) {
-            let group = view.at(at);
-            let RigidInertia { mass, first_moment: Vec3([x, y, z]), inertia: J } =
-                group.rigid::<W>(COMPOSITE);
-            let Wrench { moment: Vec3([a, b, c]), force: Vec3([d, e, f]) } = group.wrench::<W>(FORCE);
-            let Vec3([u, v, w]) = group.vector::<W>(OFFSET);
-            let rows = [
-                [J.xx, J.xy, J.xz, J.yy, J.yz, J.zz, x, y],
-                [z, -x, -y, -z, mass, zero, zero, zero],
-                [a, b, c, zero, d, e, f, zero],
-                [u, v, w, u, v, zero, zero, zero],
-            ];
-            let bodies = &mut self.0[at * NUMBERS..][..W::COUNT * NUMBERS];
-            for (part, rows) in rows.into_iter().enumerate() {
-                turn_over::<T, W>(rows, part * WIDEST, bodies);
-            }
-        }
-    }
-    /// Of all bodies.
-    #[inline(always)]
-    pub(super) fn all(&self) -> &[T] {
-        &self.0
-    }
-}
-
-/// Writes eight rows of some places, from number `first` of each place on.
-#[inline(always)]
-fn turn_over<T: Scalar, W: Wide<T>>(rows: [W; WIDEST], first: usize, bodies: &mut [T]) {
-    for part in 0..WIDEST / W::COUNT {
-        let mut tile = [W::zero(); WIDEST];
-        each_place!(W, I => tile[I] = rows[part * W::COUNT + I]);
-        W::transpose(&mut tile);
-        let start = first + part * W::COUNT;
-        W::store_rows(&tile, NUMBERS, &mut bodies[start..]);
-    }
-}
-
-/// Eight numbers from the first of a slice on.
-#[inline(always)]
-fn eight<T: Scalar, S: SixLanes<T>>(x: &[T]) -> S {
-    let mut numbers = [T::zero(); 8];
-    numbers.copy_from_slice(&x[..8]);
-    S::of(numbers)
-}
+use crate::places::Table;
+use phipsi_spatial::six_lanes::rigid_entries;
+use phipsi_spatial::{Scalar, SixLanes, Vec3, Wrench};
 
 impl<T: Scalar> Carried<T> for Packed<T::Six> {
     #[inline(always)]
@@ -100,25 +32,23 @@ impl<T: Scalar> Carried<T> for Packed<T::Six> {
     #[inline(always)]
     fn pass_axis<const LINEAR: bool>(
         &mut self,
-        own: &[T],
         body: &LayoutBody<T::Constant>,
         place: usize,
         Sweep { layout, view, gains, residuals, .. }: &mut Sweep<'_, '_, T>,
     ) -> Result<(), DynamicsError> {
-        let (own, here) = (&own[place * NUMBERS..][..NUMBERS], view.at(place));
-        let mut entries = [T::zero(); 16];
-        entries.copy_from_slice(&own[INERTIA..][..16]);
-        let M = <T::Six as SixLanes<T>>::rigid_columns(&entries);
+        let here = view.lane(Table::<T, ROWS>::start(place));
+        let M = <T::Six as SixLanes<T>>::rigid_columns(&rigid_entries(&own_inertia(&here)));
         for i in 0..6 {
             self.P[i] = self.P[i] + M[i];
         }
-        self.z = self.z + eight(&own[TURNING..]);
+        let turning = here.motion(FORCE);
+        self.z = self.z + Packed::lanes(&Wrench::new(turning.angular, turning.linear));
         let root = body.parent == GROUND;
         if !root {
-            self.add_acceleration(&here.motion::<T>(ALPHA));
+            self.add_acceleration(&here.motion(ALPHA));
         }
-        let s = here.vector::<T>(AXIS);
-        let b = if LINEAR { here.vector::<T>(AXIS + 3) } else { Vec3::zero() };
+        let s = here.vector(AXIS);
+        let b = if LINEAR { here.vector(AXIS + 3) } else { Vec3::zero() };
         let P = &self.P;
         let mut U = sum([P[0], P[1], P[2]], s);
         let mut D = sum(first(U), s);
@@ -142,9 +72,9 @@ impl<T: Scalar> Carried<T> for Packed<T::Six> {
         if root {
             return Ok(());
         }
-        let lever = Lever::of_three::<T>(&own[LEVER..]);
-        let (dx, dy, dz) =
-            (T::Six::fill(own[LEVER]), T::Six::fill(own[LEVER + 1]), T::Six::fill(own[LEVER + 2]));
+        let [x, y, z] = here.vector(OFFSET).0;
+        let lever = Lever::new(x, y, z);
+        let (dx, dy, dz) = (T::Six::fill(x), T::Six::fill(y), T::Six::fill(z));
         let [a, b, c, d, e, f] = self.P;
         let (d, e, f) = (lever.up(d), lever.up(e), lever.up(f));
         let (a, b, c) = (lever.up(a), lever.up(b), lever.up(c));

@@ -28,11 +28,9 @@ fn six_vectors_in_lanes_are_the_same_filter() {
             let mut sweep = Sweep { layout: &layout, places, view, gains, residuals: &mut residuals };
             let all = 0..layout.len();
             if packed == 1 {
-                filter.own = OwnNumbers::with_room(places);
-                filter.own.gather::<f64>(places, &mut sweep.view);
-                inward(&mut filter.packed, filter.own.all(), &mut sweep, all).unwrap();
+                inward(&mut filter.packed, &mut sweep, all).unwrap();
             } else {
-                inward(&mut filter.numbers, &[], &mut sweep, all).unwrap();
+                inward(&mut filter.numbers, &mut sweep, all).unwrap();
             }
             for place in places.margin..places.count {
                 result.extend(sweep.gains.gain(place).to_array());

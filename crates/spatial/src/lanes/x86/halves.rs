@@ -181,14 +181,6 @@ impl SixLanes<Fused> for Halves {
         unsafe { Halves(_mm256_blend_pd::<0b0100>(self.0, x.0), self.1) }
     }
     #[inline(always)]
-    fn first_three(x: &[Fused]) -> Self {
-        let x: &[Fused] = &x[..3];
-        unsafe {
-            let three = _mm256_set_epi64x(0, -1, -1, -1);
-            Halves(_mm256_maskload_pd(x.as_ptr().cast(), three), _mm256_setzero_pd())
-        }
-    }
-    #[inline(always)]
     fn rigid(m: &RigidEntries<f64>) -> [Self; 6] {
         columns(|i| Fused(m[i]))
     }
