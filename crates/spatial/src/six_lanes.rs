@@ -1,28 +1,31 @@
 //! Six-vectors in the lanes of one register: what one state offers to SIMD where there are no other states.
 //!
-//! A packed six-vector is (x, y, z, 0 | x, y, z, 0): moment and force, or angular and linear part. Turns act on both halves
-//! at once, with the partner coordinate brought by a permutation.
+//! A packed six-vector is (x, y, z, any | x, y, z, any): moment and force, or angular and linear part; fourth numbers are finite and do not
+//! matter. Turns act on both halves at once, with the partner coordinate brought by a permutation.
 
 use crate::Scalar;
 use core::ops::{Add, Mul, Neg, Sub};
 
-/// A rigid inertia as [`SixLanes::rigid`] reads it: J (xx, xy, xz, yy, yz, zz), h (x, y); h (z), −h, m, zeros.
-pub type RigidEntries<C> = [C; 16];
+/// A rigid inertia as [`SixLanes::rigid`] reads it: the columns of J, three numbers each; m; the columns of h~, three numbers each; a zero. A
+/// register of four numbers takes a column and a number that does not matter.
+pub type RigidEntries<C> = [C; 20];
 
 /// The entries of a rigid inertia, in the order of [`RigidEntries`].
 pub fn rigid_entries<C: Scalar>(m: &crate::RigidInertia<C>) -> RigidEntries<C> {
     let ([x, y, z], J, o) = (m.first_moment.0, &m.inertia, C::zero());
-    [J.xx, J.xy, J.xz, J.yy, J.yz, J.zz, x, y, z, -x, -y, -z, m.mass, o, o, o]
+    let [a, b, c] = [[J.xx, J.xy, J.xz], [J.xy, J.yy, J.yz], [J.xz, J.yz, J.zz]];
+    let [[d, e, f], [g, h, i], [j, k, l]] = [[o, z, -y], [-z, o, x], [y, -x, o]];
+    [a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2], m.mass, d, e, f, g, h, i, j, k, l, o]
 }
 
-/// Where each column of a rigid inertia takes its lanes from; 13 is a zero. Columns are those of [[J, h~], [−h~, m 1]].
+/// Where each column of a rigid inertia takes its lanes from; 19 is a zero. Columns are those of [[J, h~], [−h~, m 1]].
 pub(crate) const RIGID_COLUMNS: [[usize; 8]; 6] = [
-    [0, 1, 2, 13, 13, 11, 7, 13],
-    [1, 3, 4, 13, 8, 13, 9, 13],
-    [2, 4, 5, 13, 10, 6, 13, 13],
-    [13, 8, 10, 13, 12, 13, 13, 13],
-    [11, 13, 6, 13, 13, 12, 13, 13],
-    [7, 9, 13, 13, 13, 13, 12, 13],
+    [0, 1, 2, 19, 19, 13, 16, 19],
+    [3, 4, 5, 19, 11, 19, 17, 19],
+    [6, 7, 8, 19, 12, 15, 19, 19],
+    [19, 11, 12, 19, 9, 19, 19, 19],
+    [13, 19, 15, 19, 19, 9, 19, 19],
+    [16, 17, 19, 19, 19, 19, 9, 19],
 ];
 
 /// A packed six-vector of numbers `T`.

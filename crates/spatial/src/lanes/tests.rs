@@ -1,5 +1,6 @@
 use super::*;
 use crate::Dd;
+use crate::six_lanes::rigid_entries;
 use crate::wide::WIDEST;
 
 /// Arguments near and between multiples of π/2, small, large, and beyond the own reduction.
@@ -375,7 +376,14 @@ impl<S: crate::SixLanes<Fused>> Kernel for Packed<S> {
             S::fill(x).reciprocal(),
             a.with_lane_2(b),
         ];
-        let columns = [S::rigid(&self.0), S::rigid_columns(&m)];
+        let [mass, hx, hy, hz, xx, xy, xz, yy, yz, zz] = *self.0.first_chunk().expect("16 numbers");
+        let M = crate::RigidInertia {
+            mass,
+            first_moment: crate::Vec3([hx, hy, hz]),
+            inertia: crate::Sym3 { xx, xy, xz, yy, yz, zz },
+        };
+        let entries = rigid_entries(&M);
+        let columns = [S::rigid(&entries), S::rigid_columns(&entries.map(Fused))];
         whole.into_iter().chain(columns.into_iter().flatten()).map(S::to_array).collect()
     }
 }
@@ -388,16 +396,13 @@ fn packed_six_vectors_are_eight_numbers_to_the_last_bit() {
         println!("this processor has no {}", Level::Avx2.name());
         return;
     }
-    let m: [f64; 16] = core::array::from_fn(|i| match i {
-        13..16 => 0.0,
-        _ => (1.3 * i as f64 + 0.7).sin() + 0.2,
-    });
+    let m: [f64; 16] = core::array::from_fn(|i| (1.3 * i as f64 + 0.7).sin() + 0.2);
     let by = core::marker::PhantomData;
     let numbers = Fused::dispatch(Packed::<crate::six_lanes::Eight<Fused>>(m, by));
     let found = Fused::dispatch(Packed::<x86::Halves>(m, core::marker::PhantomData));
     assert_eq!(found.len(), numbers.len());
     for (i, (a, b)) in numbers.iter().zip(&found).enumerate() {
-        for lane in 0..8 {
+        for lane in [0, 1, 2, 4, 5, 6] {
             // −0 and 0 are the same number: products with zeros of a pattern may have either sign.
             assert_eq!(a[lane].0, b[lane].0, "operation {i}, lane {lane}");
         }

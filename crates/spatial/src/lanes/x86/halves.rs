@@ -4,7 +4,7 @@
 //! memory: 0.95 of the time of single numbers.
 
 use crate::lanes::{Fused, Level};
-use crate::six_lanes::{RigidEntries, SixLanes};
+use crate::six_lanes::{RIGID_COLUMNS, RigidEntries, SixLanes};
 use core::arch::x86_64::*;
 use core::ops::{Add, Mul, Neg, Sub};
 
@@ -182,27 +182,37 @@ impl SixLanes<Fused> for Halves {
     }
     #[inline(always)]
     fn rigid(m: &RigidEntries<f64>) -> [Self; 6] {
-        columns(|i| Fused(m[i]))
+        let (mass, o) = (Fused(m[9]), Fused(0.0));
+        unsafe {
+            let [a, b, c] = [column::<0>(m), column::<3>(m), column::<6>(m)];
+            let [x, y, z] = [column::<10>(m), column::<13>(m), column::<16>(m)];
+            let sign = _mm256_set1_pd(-0.0);
+            [
+                Halves(a, _mm256_xor_pd(x, sign)),
+                Halves(b, _mm256_xor_pd(y, sign)),
+                Halves(c, _mm256_xor_pd(z, sign)),
+                Halves(x, four(mass, o, o)),
+                Halves(y, four(o, mass, o)),
+                Halves(z, four(o, o, mass)),
+            ]
+        }
     }
     #[inline(always)]
     fn rigid_columns(m: &RigidEntries<Fused>) -> [Self; 6] {
-        columns(|i| m[i])
+        // Number by number: they are in registers, not in memory.
+        let [a, b, c, d, e, f] = RIGID_COLUMNS;
+        [picked(m, a), picked(m, b), picked(m, c), picked(m, d), picked(m, e), picked(m, f)]
     }
 }
 
-/// The columns of a rigid inertia of these entries. Number by number: of what permutes whole registers a compiler makes operations on 64
-/// bytes again.
+/// A column of three entries, and the next one.
 #[inline(always)]
-fn columns(m: impl Fn(usize) -> Fused) -> [Halves; 6] {
-    let o = Fused(0.0);
-    unsafe {
-        [
-            Halves(four(m(0), m(1), m(2)), four(o, m(11), m(7))),
-            Halves(four(m(1), m(3), m(4)), four(m(8), o, m(9))),
-            Halves(four(m(2), m(4), m(5)), four(m(10), m(6), o)),
-            Halves(four(o, m(8), m(10)), four(m(12), o, o)),
-            Halves(four(m(11), o, m(6)), four(o, m(12), o)),
-            Halves(four(m(7), m(9), o), four(o, o, m(12))),
-        ]
-    }
+unsafe fn column<const I: usize>(m: &RigidEntries<f64>) -> __m256d {
+    const { assert!(I + 4 <= 20) };
+    unsafe { _mm256_loadu_pd(m.as_ptr().add(I)) }
+}
+
+#[inline(always)]
+fn picked(m: &RigidEntries<Fused>, i: [usize; 8]) -> Halves {
+    unsafe { Halves(four(m[i[0]], m[i[1]], m[i[2]]), four(m[i[4]], m[i[5]], m[i[6]])) }
 }
