@@ -1,7 +1,6 @@
-//! Steps of the filter on one state whose six-vectors lie in the lanes of a register: an inertia is its six columns.
+//! Steps of the filter on one state whose six-vectors lie in lanes: an inertia is its six columns.
 //!
-//! The same recursion as in [`crate::articulated_sweep`], with all 36 entries in place of 21: a fifth of the instructions
-//! where a processor has registers of eight numbers.
+//! The same recursion as in [`crate::articulated_sweep`], with all 36 entries in place of 21, in fewer instructions.
 //!
 //! | symbol | meaning |
 //! |---|---|

@@ -1,4 +1,4 @@
-//! Six-vectors in the lanes of one register: what one state offers to SIMD where there are no other states.
+//! Six-vectors in lanes: what one state offers to SIMD where there are no other states.
 //!
 //! A packed six-vector is (x, y, z, any | x, y, z, any): moment and force, or angular and linear part; fourth numbers are finite and do not
 //! matter. Turns act on both halves at once, with the partner coordinate brought by a permutation.
