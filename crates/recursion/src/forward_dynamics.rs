@@ -35,7 +35,7 @@ mod run;
 use carrying::{Carrying, Lanes, carried};
 pub use info::{ForwardInfo, WorstHinge, forward_info};
 use limbs::{OfLimbs, RunWithLimbs};
-use run::{Call, Filter, Run, Smoother};
+use run::{Apart, Call, Filter, Run, Smoother};
 
 /// What the first sweep leaves of a body.
 #[derive(Clone, Copy, Debug)]
@@ -54,7 +54,7 @@ pub struct ForwardDynamics<T: Scalar> {
     given: Given<Moved<T::Arithmetic>>,
     packed: Given<Packed<<T::Arithmetic as Scalar>::Six>>,
     /// α of bodies with several children.
-    alpha: Vec<Motion<T::Arithmetic>>,
+    alpha: Vec<Apart<T::Arithmetic>>,
     /// Minus the external wrenches, where there are any.
     loads: Vec<Wrench<T::Arithmetic>>,
     /// Limbs in lanes, group by group.
@@ -73,7 +73,7 @@ impl<T: Scalar> ForwardDynamics<T> {
             pivots: vec![Pivot::empty(); layout.nv()],
             given: Given::new(layout, (ArticulatedInertia::zero(), Wrench::zero())),
             packed: Given::new(layout, Packed::zero::<T::Arithmetic>()),
-            alpha: vec![Motion::zero(); n],
+            alpha: vec![Apart::zero(); n],
             loads: vec![Wrench::zero(); n],
             limbs: if is_lone::<T>() { OfLimbs::of_all(layout) } else { Vec::new() },
             flexible: layout.flexible().map(|tree| Box::new(flexible::Forward::new(tree))),
@@ -300,8 +300,8 @@ impl<T: Scalar> Run<'_, T> {
             let mut alpha = match bodies[i].parent {
                 GROUND => given,
                 _ if bodies[i].follows_parent(first + i) => previous,
-                parent if WHOLE => alpha_of[parent],
-                parent => alpha_of.get(parent.wrapping_sub(first)).copied().unwrap_or(given),
+                parent if WHOLE => alpha_of[parent].get(),
+                parent => alpha_of.get(parent.wrapping_sub(first)).map_or(given, Apart::get),
             };
             // Along a run of first children α stays in registers.
             loop {
@@ -337,7 +337,7 @@ impl<T: Scalar> Run<'_, T> {
                     });
                 }
                 if body.children > 1 {
-                    alpha_of[i] = alpha;
+                    alpha_of[i].set(&alpha);
                 }
                 i += 1;
                 if i == end || !bodies[i].follows_parent(first + i) {
@@ -348,7 +348,7 @@ impl<T: Scalar> Run<'_, T> {
         }
         // An only child may be a limb in lanes.
         if !WHOLE && end > numbers.start {
-            alpha_of[end - 1] = previous;
+            alpha_of[end - 1].set(&previous);
         }
     }
 }

@@ -90,7 +90,7 @@ impl<T: Scalar> OfLimbs<T> {
         let mut alpha = [run.call.ground; 4];
         for (alpha, &parent) in alpha.iter_mut().zip(&of.parents) {
             if parent != GROUND {
-                *alpha = run.alpha[parent];
+                *alpha = run.alpha[parent].get();
             }
         }
         let [a, b, c, d] = alpha;

@@ -11,6 +11,29 @@ use core::marker::PhantomData;
 use core::ops::Range;
 use phipsi_spatial::{Kernel, Motion, Scalar, SixLanes, Vec3, Wrench};
 
+/// α where it is kept for several children. Its numbers lie apart: where they lie side by side, the compiler packs them into registers and takes
+/// them out again at every body, kept or not, and the next body waits for it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Apart<T>([T; 11]);
+
+impl<T: Scalar> Apart<T> {
+    pub(super) fn zero() -> Self {
+        Apart([T::zero(); 11])
+    }
+    #[inline(always)]
+    pub(super) fn get(&self) -> Motion<T> {
+        let x = &self.0;
+        Motion::new(Vec3([x[0], x[2], x[4]]), Vec3([x[6], x[8], x[10]]))
+    }
+    #[inline(always)]
+    pub(super) fn set(&mut self, alpha: &Motion<T>) {
+        for i in 0..3 {
+            self.0[2 * i] = alpha.angular.0[i];
+            self.0[2 * i + 6] = alpha.linear.0[i];
+        }
+    }
+}
+
 /// What all runs of bodies share in a call.
 #[derive(Clone, Copy)]
 pub(super) struct Call<'a, T: Scalar> {
@@ -31,7 +54,7 @@ pub(super) struct Run<'a, T: Scalar> {
     pub(super) shifts: ShiftRun<'a, T::Arithmetic>,
     pub(super) moving: &'a mut [Moving<T::Arithmetic>],
     pub(super) pivots: &'a mut [Pivot<T::Arithmetic>],
-    pub(super) alpha: &'a mut [Motion<T::Arithmetic>],
+    pub(super) alpha: &'a mut [Apart<T::Arithmetic>],
     pub(super) residuals: &'a mut [T::Arithmetic],
     pub(super) given: &'a mut Given<Moved<T::Arithmetic>>,
     /// The same where six-vectors are in lanes.
@@ -88,7 +111,7 @@ impl<'a, T: Scalar> Run<'a, T> {
             .map(|b| match b.outside {
                 GROUND => (Vec3::zero(), call.ground),
                 parent if parent < first => self.outside,
-                parent => (self.moving[parent - first].omega, self.alpha[parent - first]),
+                parent => (self.moving[parent - first].omega, self.alpha[parent - first].get()),
             })
             .collect();
         let bodies = || runs.iter().map(|b| b.bodies.clone());
