@@ -183,7 +183,7 @@ pub(crate) struct Passage {
     /// The first place of the joint before it in the order of bodies, and one past its last; of a joint's last axis only.
     before: usize,
     before_end: usize,
-    /// True if columns go on from here to the origin of the body inboard.
+    /// True if columns go on from here to the origin of a body inboard that lies elsewhere.
     pub(crate) shifts: bool,
     /// True if the axis may have a linear part.
     pub(crate) linear: bool,
@@ -305,7 +305,7 @@ impl Passages {
                     },
                     before: if last { before } else { GROUND },
                     before_end: if last { before_end } else { 0 },
-                    shifts: last && body.parent != GROUND,
+                    shifts: last && body.parent != GROUND && !body.link.concentric,
                     linear: linear[place],
                     ..passage
                 });

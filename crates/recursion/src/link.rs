@@ -7,7 +7,8 @@
 //! | φ(p, k) | Z(θ₀) ∘ shift by l ∘ X(α) ∘ Z(q + θ₁) | soa.md 3.0 |
 //!
 //! The layout turns each body about its joint axis so that θ₀ vanishes for one of its children, and marks α = 0 and
-//! α = ±90°, which cost nothing. Ball and free joints pass through a general rotation.
+//! α = ±90°, which cost nothing, and hinges whose body has the parent's origin (l = 0), on which columns and velocities are not shifted. Ball
+//! and free joints pass through a general rotation.
 
 use crate::hinge::Hinge;
 use core::ops::Neg;
@@ -42,6 +43,8 @@ pub struct Link<C> {
     offset: Vec3<C>,
     pub(crate) shape: Twist,
     pub(crate) has_first: bool,
+    /// True of a hinge with l = 0.
+    pub(crate) concentric: bool,
 }
 
 /// One copy of an expression for every shape of a link without first turn, in which the shape is a constant, so that each
@@ -136,7 +139,13 @@ impl<C: Real> Link<C> {
             offset: first.down(Axis::Z, placement.translation),
             shape,
             has_first: first != Turn::none(),
+            concentric: false,
         }
+    }
+    /// The link of a joint.
+    pub(crate) fn of_joint(self, hinge: &Hinge<C>) -> Self {
+        let concentric = matches!(hinge, Hinge::Revolute) && self.offset == Vec3::zero();
+        Link { concentric, ..self }
     }
     /// θ₀.
     pub(crate) fn first(&self) -> Turn<C> {
@@ -333,7 +342,10 @@ impl<C: Scalar> Link<C> {
         f: Wrench<T>,
     ) -> Wrench<T> {
         let force = self.vector_up(shift.turn, f.force);
-        let moment = shift.offset.cross_add(force, self.vector_up(shift.turn, f.moment));
+        let mut moment = self.vector_up(shift.turn, f.moment);
+        if !self.concentric {
+            moment = shift.offset.cross_add(force, moment);
+        }
         Wrench::new(self.first_up(moment), self.first_up(force))
     }
     /// φ*(p, k) V.
@@ -381,8 +393,11 @@ impl<C: Scalar> Link<C> {
         (omega, alpha): (Vec3<T>, Motion<T>),
     ) -> (Vec3<T>, Motion<T>) {
         let (omega, angular) = (self.first_down(omega), self.first_down(alpha.angular));
-        let tangential = angular.cross_add(shift.offset, self.first_down(alpha.linear));
-        let linear = omega.cross_add(omega.cross(shift.offset), tangential);
+        let mut linear = self.first_down(alpha.linear);
+        if !self.concentric {
+            let tangential = angular.cross_add(shift.offset, linear);
+            linear = omega.cross_add(omega.cross(shift.offset), tangential);
+        }
         let alpha = Motion::new(self.vector_down(shift.turn, angular), self.vector_down(shift.turn, linear));
         (self.vector_down(shift.turn, omega), alpha)
     }

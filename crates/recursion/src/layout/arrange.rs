@@ -69,7 +69,7 @@ pub(super) fn arrange<C: Real>(raw: &[Raw<C>], carriers: &mut [Carrier<C>]) -> (
             turn if turn == Turn::none() => b.inertia,
             turn => into(turn).rigid_up(Axis::Z, &b.inertia),
         };
-        let (children, link) = (0, links[old]);
+        let (children, link) = (0, links[old].of_joint(&b.hinge));
         let body = LayoutBody { parent, children, hinge: b.hinge, q: b.q, v: b.v, link, general, inertia };
         general += usize::from(body.is_general());
         bodies.push(body);

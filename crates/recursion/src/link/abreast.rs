@@ -20,6 +20,7 @@ impl<C: Real> Link<C> {
             offset: Vec3([offset(0), offset(1), offset(2)]),
             shape: if same { links[0].shape } else { Twist::Oblique },
             has_first: links.iter().any(|link| link.has_first),
+            concentric: links.iter().all(|link| link.concentric),
         }
     }
 }
