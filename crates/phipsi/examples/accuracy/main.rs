@@ -6,8 +6,10 @@
 #[path = "../../tests/common/stored.rs"]
 mod stored;
 
+use nalgebra::{DMatrix, DVector};
 use phipsi::recursion::{
     DynamicsError, Form, FormChoice, FormForwardDynamics, Layout, SquareRootForwardDynamics, forward_info,
+    inverse_dynamics, mass_matrix, mass_matrix_inverse,
 };
 use phipsi::spatial::{Dd, Scalar};
 use phipsi_reference::extreme::{Chain, Scene, beyond, scenes};
@@ -56,6 +58,23 @@ fn error(a: &[f64], truth: &[Dd]) -> f64 {
     worst / largest(truth)
 }
 
+/// Accelerations by a factored mass matrix, which is not one of our forms; none if it has no Cholesky factor.
+fn factored(layout: &Layout<f64>, case: &Case) -> Result<Option<Vec<f64>>, DynamicsError> {
+    let (nv, still) = (layout.nv(), vec![0.0; layout.nv()]);
+    let bias = inverse_dynamics(layout, &case.q, &case.v, &still, None)?;
+    let matrix = DMatrix::from_row_slice(nv, nv, &mass_matrix(layout, &case.q)?);
+    let forces = DVector::from_iterator(nv, case.tau.iter().zip(&bias).map(|(tau, bias)| tau - bias));
+    Ok(matrix.cholesky().map(|factor| factor.solve(&forces).as_slice().to_vec()))
+}
+
+/// κ₂ of the mass matrix: the largest eigenvalues of M and of M⁻¹, the latter in double-double numbers, for its digits are beyond f64.
+fn condition(layout: &Layout<f64>, case: &Case) -> Option<f64> {
+    let largest =
+        |m: Vec<f64>| DMatrix::from_row_slice(layout.nv(), layout.nv(), &m).symmetric_eigenvalues().max();
+    let inverse = mass_matrix_inverse(&Layout::<Dd>::new(&case.model), &widened(&case.q)).ok()?;
+    Some(largest(mass_matrix(layout, &case.q).ok()?) * largest(inverse.iter().map(|x| x.hi).collect()))
+}
+
 fn errors() -> Result<String, Box<dyn std::error::Error>> {
     let stored_chains = stored::extreme_chains().into_iter().map(|(mut scene, a)| {
         scene.name = format!("{} (stored)", scene.name);
@@ -65,8 +84,8 @@ fn errors() -> Result<String, Box<dyn std::error::Error>> {
     let all = scenes().into_iter().chain(beyond()).map(|s| (s, None)).chain(stored_chains);
     let all = all.chain(robots.map(|(s, a)| (s, Some(a))));
     let mut table = String::from(
-        "| scene | κ | plain | refined | square_root | double_double | auto | its backward error / ε |\n\
-         |---|---|---|---|---|---|---|---|\n",
+        "| scene | κ | κ₂(M) | M factored | plain | refined | square_root | double_double | auto | its backward error / ε |\n\
+         |---|---|---|---|---|---|---|---|---|---|\n",
     );
     for (scene, known) in all {
         let Scene { name, case } = &scene;
@@ -84,6 +103,14 @@ fn errors() -> Result<String, Box<dyn std::error::Error>> {
         let (_, sizes) = sensitivity(case, 6, 1, |c| truth(c).unwrap_or_default());
         let kappa = sizes.iter().fold(0.0f64, |m, x| m.max(*x)) / largest(&exact);
         write!(table, "| {name} | {kappa:.1} ")?;
+        match condition(&layout, case) {
+            Some(condition) => write!(table, "| {condition:.0e} ")?,
+            None => table += "| – ",
+        }
+        match factored(&layout, case)? {
+            Some(a) => write!(table, "| {:.0e} ", error(&a, &exact))?,
+            None => table += "| fails ",
+        }
         let run = |form| -> Result<(Vec<f64>, Form), DynamicsError> {
             let mut forward = FormForwardDynamics::new(&case.model, &layout, form);
             let mut out = vec![0.0; layout.nv()];
