@@ -28,7 +28,7 @@ impl<T: Scalar> RefinedForwardDynamics<T> {
     pub fn new(layout: &Layout<T::Constant>) -> Self {
         let zero = vec![T::zero(); layout.nv()];
         RefinedForwardDynamics {
-            forward: ForwardDynamics::new(layout),
+            forward: ForwardDynamics::symmetric(layout),
             inverse: InverseDynamics::new(layout),
             weightless: layout.clone().inertial(),
             rest: zero.clone(),

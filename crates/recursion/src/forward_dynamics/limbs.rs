@@ -5,7 +5,7 @@
 //! Symbols: those of [`crate::forward_dynamics`].
 
 use super::ForwardDynamics;
-use super::carrying::{Carrying, InNumbers, Lanes, carried};
+use super::carrying::{Carrying, InNumbers, carried};
 use super::run::Run;
 use crate::error::{DynamicsError, check_length};
 use crate::layout::{GROUND, Layout, LimbPlan, Limbs};
@@ -136,7 +136,7 @@ impl<T: Scalar> Kernel for RunWithLimbs<'_, T> {
         run.call.layout = &plan.layout;
         let mut result = Ok(T::Arithmetic::dispatch(LimbsInward::<T> { run, plan, groups }));
         if let Ok(true) = result {
-            result = carried!(Lanes::of::<T>(), |X| {
+            result = carried!(run.call.lanes, |X| {
                 T::Arithmetic::dispatch(Trunk::<T, X> { run, plan, groups, by: PhantomData })
             });
         }

@@ -42,6 +42,7 @@ pub(super) struct Call<'a, T: Scalar> {
     pub(super) v: &'a [T::Arithmetic],
     pub(super) loads: Option<&'a [Wrench<T::Arithmetic>]>,
     pub(super) ground: Motion<T::Arithmetic>,
+    pub(super) lanes: Lanes,
 }
 
 /// A run of bodies. Slices begin at its first body and degree of freedom; those of the call at the layout's.
@@ -72,7 +73,7 @@ enum Sweeps {
 impl<'a, T: Scalar> Run<'a, T> {
     /// Sweeps over some bodies of the run, by their numbers in it.
     fn sweep(&mut self, numbers: Range<usize>, which: Sweeps) -> Result<(), DynamicsError> {
-        carried!(Lanes::of::<T>(), |X| {
+        carried!(self.call.lanes, |X| {
             T::Arithmetic::dispatch(SweepOver::<T, X> { run: self, numbers, which, by: PhantomData })
         })
     }
