@@ -31,7 +31,7 @@ fn extreme_chains_agree_with_quadruple_precision() {
     let chains = stored::extreme_chains();
     assert_eq!(chains.len(), 6);
     for (scene, known) in &chains {
-        let line = if scene.name == "tip mass 1e9" { 1e-12 } else { 1e-14 };
+        let line: f64 = if scene.name == "tip mass 1e9" { 1e-12 } else { 1e-14 };
         let refined = 30.0 * scene.case.model.nv() as f64 * f64::EPSILON;
         for (form, line) in [(Form::SquareRoot, line), (Form::Auto, line.max(refined))] {
             let found = error(scene, known, form);
